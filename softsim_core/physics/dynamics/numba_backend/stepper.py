@@ -182,7 +182,7 @@ class NumbaStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """Advance by one step; for `moved` see fem.cells.cell_stiffness, for `pressed` PairedCells.press."""
+        """Advance by one step; for `moved` see fem.cells.cell_stiffness, for `pressed` PlannedCells.press."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
@@ -192,15 +192,12 @@ class NumbaStepper:
         if self._soft:
             external -= model.spring[:, None] * (state.positions + lag * straining - model.rest)
         clear(data.work.factor)
-        if data.cells.paired:
-            external += data.cells.paired.fill(
-                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
-            )
+        external += data.cells.fill(state, True, model.dt * lag, lag, straining, moved, model.dt / lag)
         if pressed:
-            external += data.cells.paired.press(pressed, straining, lag, model.dt * lag)
+            external += data.cells.press(pressed, straining, lag, model.dt * lag)
         if model.coupling is not None:
             external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
-            data.cells.paired.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
+            data.cells.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
         targets, transmissions = control.targets, self.actuators.transmissions_of_step(state, control)
         if len(self.actuators):
             targets = targets.copy()
@@ -226,7 +223,7 @@ class NumbaStepper:
             return report
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
-        inverted += data.cells.paired.count_inverted(state.positions)
+        inverted += data.cells.count_inverted(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all later results
         return StepReport(
@@ -272,29 +269,21 @@ class NumbaStepper:
         motion, loads = motion_of(state), forces + self._weight
         if self._soft:
             loads -= model.spring[:, None] * (state.positions - model.rest)
-        positive = self._factor_tangent(state, parameters, loads, EXACT, pressed)
+        positive = self._factor_tangent(state, loads, EXACT, pressed)
         if not positive:  # no Cholesky factor: the state is not stable
-            self._factor_tangent(state, parameters, loads, CLAMPED)
+            self._factor_tangent(state, loads, CLAMPED)
         return NumbaStaticTangent(self._responses, motion, positive)
 
     def _factor_tangent(
-        self,
-        state: State,
-        parameters: Parameters,
-        loads: Array,
-        tangent: int,
-        pressed: Sequence[Array] = (),
+        self, state: State, loads: Array, tangent: int, pressed: Sequence[Array] = ()
     ) -> bool:
         """Factor the static tangent in the panels; return whether it is positive on the free nodes."""
         data = self._prepared
         clear(data.work.factor)
-        if data.cells.paired:
-            moved = None if tangent == CLAMPED else state.extra.get(MOVED)
-            loads = loads + data.cells.paired.fill(
-                state, parameters.materials, tangent == CLAMPED, moved=moved
-            )
+        moved = None if tangent == CLAMPED else state.extra.get(MOVED)
+        loads = loads + data.cells.fill(state, tangent == CLAMPED, moved=moved)
         if pressed:
-            data.cells.paired.press(pressed, np.zeros_like(loads))
+            data.cells.press(pressed, np.zeros_like(loads))
         self._assemble_tangent(
             motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
             data.nodes, data.work,
@@ -320,10 +309,9 @@ class NumbaStepper:
         rest, data, h = self.model.rest_state(), self._prepared, self.model.dt
         clear(data.work.factor)
         still = np.zeros_like(rest.positions)
-        if data.cells.paired:
-            data.cells.paired.fill(rest, parameters.materials, True, h * lag, lag, still, None, h / lag)
+        data.cells.fill(rest, True, h * lag, lag, still, None, h / lag)
         if self.model.coupling is not None:
-            data.cells.paired.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
+            data.cells.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
         return (
             motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
             data.cells.arrays, data.nodes, data.acting(_NO_STIFFNESS), data.tree, data.work,
@@ -369,7 +357,7 @@ class NumbaFreeMotion:
         if MOVED in state.extra:
             state.extra[MOVED][:] = state.positions - self.before.positions
         inverted = count_inverted(state.positions, self._corners)
-        inverted += self._responses.prepared.cells.paired.count_inverted(state.positions)
+        inverted += self._responses.prepared.cells.count_inverted(state.positions)
         return replace(self.report, top_speed=speed, inverted=inverted)
 
 

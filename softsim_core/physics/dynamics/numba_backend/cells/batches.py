@@ -251,12 +251,6 @@ def node_pairs(cells: IndexArray) -> IndexArray:
     return np.stack([first.ravel(), second.ravel()], axis=1)
 
 
-def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
-    """Return the group with its cells, and the nodes of each, in elimination order; see CellPlaces."""
-    order, inside = elimination_order(group.cells, nodes, local, layout)
-    return group.part(order).with_node_order(inside)
-
-
 def elimination_order(
     cells: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan
 ) -> tuple[IndexArray, IndexArray]:

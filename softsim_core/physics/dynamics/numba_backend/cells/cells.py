@@ -1,4 +1,4 @@
-"""Cells of a model for the compiled step, with their own kernels or assembled pair by pair of nodes."""
+"""Cells of a model for the compiled step: by kernels where there are some, else in NumPy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     cell_places,
     count_folded,
     elimination_order,
-    in_elimination_order,
     in_lanes,
     node_pairs,
     scatter,
@@ -38,23 +37,12 @@ from softsim_core.physics.dynamics.numba_backend.cells.elements import (
     von_mises_stress,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
-from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    CellInputs,
-    CellOutputs,
-    Memory,
-    PointCells,
-    hold,
-)
-from softsim_core.physics.dynamics.numba_backend.cells.rod_cells import (
-    fill_rods,
-    own_rods,
-    rod_cells,
-    tune_rods,
-)
+from softsim_core.physics.dynamics.numba_backend.cells.points import CellInputs, CellOutputs, Memory, hold
+from softsim_core.physics.dynamics.numba_backend.cells.rod_cells import RodCells, fill_rods, rod_cells
 from softsim_core.physics.dynamics.numba_backend.cells.strain_cells import (
+    StrainCells,
     fill_strain,
     strain_cells,
-    tune_strain,
 )
 from softsim_core.physics.fem import (
     ElementGroup,
@@ -72,25 +60,156 @@ from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg import LANES, Plan, inline
 from softsim_core.physics.mechanics import FREE, Model, State, step_stress_name
 
-_NOTHING = np.zeros((0, 1, 3, 3))
+_NO_STRESS = np.zeros((0, 1, 3, 3))
 
 
-class PairedCells:
-    """Cells of several groups, assembled pair by pair of nodes or by a kernel of their own.
+class PlainCells:
+    """Cells of a group whose forces and stiffness are computed in NumPy.
+
+    Args:
+        group: The cells and the nodes of each, in elimination order.
+        memory: Place of each cell in its group's memory, shape (m,); see fem.prony.
+    """
+
+    def __init__(self, group: ElementGroup, memory: IndexArray) -> None:
+        self.group, self._memory, self._values = group, memory, np.zeros((0, 0))
+        self._batches = cell_batches(group)
+        self._add_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
+
+    def of_another_copy(self) -> PlainCells:
+        """Return the same cells with parameters of their own."""
+        return copy(self)
+
+    def tune(self, p: Array) -> None:
+        """Set the parameters of the law to values p (m, k)."""
+        self._values = p
+
+    def fill(self, inputs: CellInputs, into: CellOutputs) -> None:
+        """Add forces and stiffness."""
+        group, x, first, second = self.group, inputs.x, *np.triu_indices(self.group.cells.shape[1])
+        moved = inputs.moved if len(inputs.moved) else None
+        stiffness = cell_stiffness(
+            group, x, self._values, inputs.positive, moved=moved, mean_share=inputs.mean_share
+        )
+        on_nodes = cell_forces(group, x, self._values)
+        if len(inputs.step_stress):
+            chosen = step_stress_stiffness(group, inputs.step_stress[self._memory])
+            stiffness += chosen[..., None, None] * np.eye(3)
+            on_nodes -= chosen @ x[group.cells]
+        on_nodes -= inputs.lag * np.einsum("mabij,mbj->mai", stiffness, inputs.velocities[group.cells])
+        np.add.at(into.forces, group.cells, on_nodes)
+        blocks = _four_wide(inputs.scale * stiffness[:, first, second])
+        self._add_blocks(blocks, into.places, into.panels, into.pair_blocks)
+
+    def count_inverted(self, positions: Array) -> int:
+        """Count the cells that are inverted at positions (n, 3), except those of four nodes."""
+        if not self.group.fills or self.group.cells.shape[1] == 4:
+            return 0
+        return int(self._count_folded(positions, self._batches))
+
+
+class LawCells(PlainCells):
+    """Cells of a group whose law has a kernel for its points."""
+
+    def __init__(self, group: ElementGroup, memory: IndexArray) -> None:
+        super().__init__(group, memory)
+        law = compiled_law(group.material)
+        assert law is not None
+        self._cells, self._run = point_cells(group, self._batches, memory), OneSignature(law.run)
+        self._has_pressure = mean_volume_law(group) is not None
+
+    def of_another_copy(self) -> LawCells:
+        """Return the same cells with parameters of their own."""
+        other = copy(self)
+        other._cells = own_values(self._cells)
+        return other
+
+    def tune(self, p: Array) -> None:
+        """Set the parameters of the law to values p (m, k)."""
+        tune(self._cells, self.group, p)
+
+    def fill(self, inputs: CellInputs, into: CellOutputs) -> None:
+        """Add forces and stiffness."""
+        if len(inputs.moved):
+            has = self._has_pressure
+            inputs = inputs._replace(
+                moved=inputs.moved if has else inputs.moved[:0], positive=inputs.positive and not has
+            )
+        self._run(inputs, self._cells, into, None)
+
+
+class ThinCells(PlainCells):
+    """Cells of layers, fibres or rods, whose stiffness without negative parts has a kernel."""
+
+    def __init__(self, group: ElementGroup, memory: IndexArray, cells: StrainCells | RodCells) -> None:
+        super().__init__(group, memory)
+        self._cells = cells
+        self._fill = OneSignature(fill_rods if isinstance(cells, RodCells) else fill_strain)
+
+    def of_another_copy(self) -> ThinCells:
+        """Return the same cells with parameters of their own."""
+        other = copy(self)
+        other._cells = self._cells.of_another_copy()
+        return other
+
+    def tune(self, p: Array) -> None:
+        """Set the parameters of the law to values p (m, k)."""
+        super().tune(p)
+        self._cells.tune(self.group, p)
+
+    def fill(self, inputs: CellInputs, into: CellOutputs) -> None:
+        """Add forces and stiffness."""
+        if inputs.positive:
+            self._fill(inputs, self._cells, into)
+        else:
+            super().fill(inputs, into)
+
+
+def _cells_of(group: ElementGroup, memory: IndexArray) -> PlainCells:
+    """Return the cells of a group, by kernels where there are some."""
+    if compiled_law(group.material) is not None:
+        return LawCells(group, memory)
+    cells = strain_cells(group) or rod_cells(group)
+    return PlainCells(group, memory) if cells is None else ThinCells(group, memory, cells)
+
+
+def _four_wide(blocks: Array) -> Array:
+    """Return blocks (m, p, 3, 3) with a fourth number of zero in each row."""
+    return np.concatenate([blocks, np.zeros((*blocks.shape[:3], 1))], axis=3)
+
+
+COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
+"""Elements and laws with kernels of their own: rotations by polar decomposition, and by cell frames."""
+
+
+@kernel
+def assemble_cells(
+    x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
+) -> None:
+    """Add the forces of cells with kernels, and `scale` times their stiffness, to panels and reduced.
+
+    PlannedCells.fill must have run before: its stored blocks for the reduced coordinates are added, too.
+    `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
+    """
+    assemble_tetrahedra(x, scale, polar, cells.polar, cells.pairs.blocks, work)
+    assemble_tetrahedra(x, scale, frames, cells.frames, cells.pairs.blocks, work)
+    scatter(cells.pairs, nodes, work)
+
+
+class PlannedCells:
+    """All deforming cells of a model, with the places of their blocks.
 
     Args:
         model: The model.
-        groups: Groups of the cells, without cells in a single rigid region.
+        groups: Its groups without cells in a single rigid region, see `deforming`.
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
         panels: Panels of the factor; `fill` adds to them.
         surfaces: Nodes of faces that actuators press on, shapes (m, a).
-        tetrahedra: Nodes of tetrahedra with kernels of their own, in elimination order, shapes (m, 4).
 
     Attributes:
-        pairs: Stored blocks that the kernels have to add, see batches.
-        places_of_tetrahedra: Places of the blocks of `tetrahedra`.
+        arrays: Arrays of the kernels of tetrahedra.
     """
 
     def __init__(
@@ -102,74 +221,75 @@ class PairedCells:
         layout: Plan,
         panels: Array,
         surfaces: Sequence[IndexArray] = (),
-        tetrahedra: Sequence[IndexArray] = (),
     ) -> None:
-        self._groups = [
-            in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
-        ]
-        self._batches = [cell_batches(group) for group in self._groups]
-        self._strain = [strain_cells(group) for group in self._groups]
-        self._rods = [rod_cells(group) for group in self._groups]
-        kinds = [(group.element.name, group.material.name) for group in model.groups]
-        self._memories = []
-        for group in self._groups:
-            k = kinds.index((group.element.name, group.material.name))
-            self._memories.append(
-                (step_stress_name(k), np.searchsorted(model.groups[k].numbers, group.numbers))
-            )
-        self._points: list[PointCells | None] = []
-        self._fill_points: list[OneSignature | None] = []
-        for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
-            law = compiled_law(group.material)
-            self._points.append(None if law is None else point_cells(group, cells, memory))
-            self._fill_points.append(None if law is None else OneSignature(law.run))
-        coupled = () if model.coupling is None else model.coupling.cells  # cells whose mass is not lumped
-        self._surfaces, self._coupled = (
-            [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
-            for kind in (surfaces, coupled)
-        )
-        self._pressed = [each.to_arrays() for each in self._surfaces]
-        further = [each.cells for each in (*self._surfaces, *self._coupled)]
-        all_cells = [group.cells for group in self._groups] + further
-        self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
-        places, self.pairs = cell_places([*all_cells, *tetrahedra], nodes, local, layout)
-        self._places, self.places_of_tetrahedra = places[: len(all_cells)], places[len(all_cells) :]
-        self._panels = panels
-        self._no_forces = np.zeros((len(local), 3))
-        self._filled = np.zeros(1, np.bool_)  # whether the blocks are not zero; shared by all copies
-        self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
-        self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
-        self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
+        def order(cells: IndexArray) -> tuple[IndexArray, IndexArray]:
+            return elimination_order(cells, nodes, local, layout)
 
-    def of_another_copy(self) -> PairedCells:
+        self._count = sum(len(group.cells) for group in model.filling)
+        by_kind = {(group.element.name, group.material.name): group for group in groups}
+        names = [(group.element.name, group.material.name) for group in model.groups]
+        self._others: list[tuple[str, PlainCells]] = []
+        tetrahedra, ordered, kinds = [], [], []
+        for kind in COMPILED:
+            group = by_kind.pop(kind, empty_group(element(kind[0]), material(kind[1])))
+            cells, inside = order(group.cells)
+            tetrahedra.append(group.part(cells))
+            ordered.append(tetrahedra[-1].with_node_order(inside))
+        for kind, group in by_kind.items():
+            if len(group.cells):
+                cells, inside = order(group.cells)
+                group, k = group.part(cells).with_node_order(inside), names.index(kind)
+                memory = np.searchsorted(model.groups[k].numbers, group.numbers)
+                self._others.append((step_stress_name(k), _cells_of(group, memory)))
+                kinds.append(group.cells)
+        surfaces_and_coupled = []
+        coupled = () if model.coupling is None else model.coupling.cells  # cells whose mass is not lumped
+        for nodes_of in (*surfaces, *coupled):
+            cells, inside = order(nodes_of)
+            surfaces_and_coupled.append((nodes_of, cells, inside))
+            kinds.append(np.take_along_axis(nodes_of[cells], inside, axis=1))
+        self._surfaces = [_pressed_faces(*each) for each in surfaces_and_coupled[: len(surfaces)]]
+        self._taken = [_upper_blocks(*each) for each in surfaces_and_coupled[len(surfaces) :]]
+        kinds += [group.cells for group in ordered]
+        self._places, self._pairs = cell_places(kinds, nodes, local, layout)
+        self._panels, self._no_forces = panels, np.zeros((len(local), 3))
+        self._filled = np.zeros(1, np.bool_)  # whether the blocks are not zero; shared by all copies
+        self._kernels = [
+            (group, _elements(group, nodes_sorted, places), not group.material.in_cell_axes)
+            for group, nodes_sorted, places in zip(tetrahedra, ordered, self._places[-2:], strict=True)
+        ]
+        self.arrays = self._arrays()
+        self._press = [OneSignature(press_faces) for _ in self._surfaces]
+        self._add_blocks = OneSignature(add_all_blocks)
+
+    def _arrays(self) -> Cells:
+        polar, frames = (elements for _, elements, _ in self._kernels)
+        return Cells(polar, frames, self._pairs)
+
+    def of_another_copy(self) -> PlannedCells:
         """Return the same cells with parameters of their own; the buffers are shared."""
         other = copy(self)
-        other._points = [None if each is None else own_values(each) for each in self._points]
-        other._strain = [
-            None if each is None else each._replace(moduli=each.moduli.copy()) for each in self._strain
+        other._kernels = [
+            (group, elements._replace(lame=np.zeros_like(elements.lame)), polar)
+            for group, elements, polar in self._kernels
         ]
-        other._rods = [None if each is None else own_rods(each) for each in self._rods]
+        other._others = [(name, cells.of_another_copy()) for name, cells in self._others]
+        other.arrays = other._arrays()
         return other
-
-    def __bool__(self) -> bool:
-        return bool(self._groups or self._surfaces or self._coupled)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
         """Set the parameters of each body's law by name."""
-        for group, points, strain, rods in zip(
-            self._groups, self._points, self._strain, self._rods, strict=True
-        ):
-            if points is not None:
-                tune(points, group, group.values(materials))
-            if strain is not None:
-                tune_strain(strain, group, group.values(materials))
-            if rods is not None:
-                tune_rods(rods, group, group.values(materials))
+        for _, cells in self._others:
+            cells.tune(cells.group.values(materials))
+        for group, elements, _ in self._kernels:
+            moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
+            padded = np.zeros((len(elements.lame) * LANES, 2))
+            padded[: len(moduli)] = moduli
+            elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
 
     def fill(
         self,
         state: State,
-        materials: Sequence[Mapping[str, float]],
         positive: bool,
         scale: float = 1.0,
         lag: float = 0.0,
@@ -177,7 +297,7 @@ class PairedCells:
         moved: Array | None = None,
         mean_share: float = 1.0,
     ) -> Array:
-        """Add the stiffness at a state to the panels.
+        """Add the stiffness of all cells but `tetrahedra` at a state to the panels.
 
         Return the forces f - lag K v on the nodes in [N], (n, 3).
 
@@ -186,7 +306,6 @@ class PairedCells:
 
         Args:
             state: Positions.
-            materials: Parameters of each body's law by name.
             positive: See fem.cells.cell_stiffness.
             scale: Factor on the stiffness.
             lag: Time lag in [s].
@@ -194,48 +313,21 @@ class PairedCells:
             moved: See fem.cells.cell_stiffness.
             mean_share: See fem.cells.cell_stiffness.
         """
-        x, pair_blocks = state.positions, self.pairs.blocks
         if self._filled[0]:
-            pair_blocks[:] = 0.0
-        self._filled[0] = bool(self._groups)
-        if not self._groups:
+            self._pairs.blocks[:] = 0.0
+        self._filled[0] = bool(self._others)
+        if not self._others:
             return self._no_forces
-        forces = np.zeros_like(x)
-        velocities = forces.copy() if straining is None else straining
-        for k, group in enumerate(self._groups):
-            points, fill_points, strain = self._points[k], self._fill_points[k], self._strain[k]
-            by = forces[:0] if moved is None else moved
-            stress = None if straining is None else state.extra.get(self._memories[k][0])
-            if points is not None and fill_points is not None:
-                found = moved is not None and mean_volume_law(group) is not None
-                fill_points(
-                    CellInputs(
-                        x, by if found else forces[:0], velocities, _NOTHING if stress is None else stress,
-                        positive and not found, lag, mean_share, scale,
-                    ),
-                    points, CellOutputs(self._places[k], forces, self._panels, pair_blocks), None,
-                )  # fmt: skip
-                continue
-            if strain is not None and positive:
-                self._fill_strain(x, by, velocities, lag, scale, strain, forces)
-                self._add_all_blocks(strain.blocks, self._places[k], self._panels, pair_blocks)
-                continue
-            rods = self._rods[k]
-            if rods is not None and positive:
-                self._fill_rods(x, by, velocities, lag, scale, rods, forces)
-                self._add_all_blocks(rods.blocks, self._places[k], self._panels, pair_blocks)
-                continue
-            p = group.values(materials)
-            stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
-            on_nodes = cell_forces(group, x, p)
-            if stress is not None:
-                chosen = step_stress_stiffness(group, stress[self._memories[k][1]])
-                stiffness += chosen[..., None, None] * np.eye(3)
-                on_nodes -= chosen @ x[group.cells]
-            on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
-            np.add.at(forces, group.cells, on_nodes)
-            first, second = self._upper[k]
-            self._add(k, scale * stiffness[:, first, second])
+        forces, none = np.zeros_like(state.positions), state.positions[:0]
+        velocities = np.zeros_like(forces) if straining is None else straining
+        inputs = CellInputs(
+            state.positions, none if moved is None else moved, velocities, _NO_STRESS, positive, lag,
+            mean_share, scale,
+        )  # fmt: skip
+        for (name, cells), places in zip(self._others, self._places, strict=False):
+            stress = _NO_STRESS if straining is None else state.extra.get(name, _NO_STRESS)
+            into = CellOutputs(places, forces, self._panels, self._pairs.blocks)
+            cells.fill(inputs._replace(step_stress=stress), into)
         return forces
 
     def press(
@@ -252,59 +344,52 @@ class PairedCells:
             scale: Factor on the stiffness.
         """
         forces = np.zeros_like(velocities)
-        self._filled[0] = True
-        first = len(self._groups)
-        for k, (surface, of_faces) in enumerate(zip(self._pressed, stiffness, strict=True)):
+        for k, (surface, of_faces) in enumerate(zip(self._surfaces, stiffness, strict=True)):
             vectors = np.ascontiguousarray(of_faces)
-            self._press_faces[k](vectors, surface, velocities, float(lag), float(scale), forces)
-            self._add_all_blocks(surface.blocks, self._places[first + k], self._panels, self.pairs.blocks)
+            self._press[k](vectors, surface, velocities, float(lag), float(scale), forces)
+            self._add(len(self._others) + k, surface.blocks)
         return forces
 
     def couple(self, masses: Sequence[Array], scale: float) -> None:
         """Add masses (m, a, a) in [kg] of the coupled cells times `scale` to the matrix, after `fill`."""
-        self._filled[0] = True
-        first = len(self._groups) + len(self._surfaces)
-        for k, (cells, of_cells) in enumerate(zip(self._coupled, masses, strict=True)):
-            self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
+        first = len(self._others) + len(self._surfaces)
+        for k, (taken, of_cells) in enumerate(zip(self._taken, masses, strict=True)):
+            self._add(first + k, _four_wide(scale * of_cells[taken][..., None, None] * np.eye(3)))
 
-    def _add(self, k: int, of_pairs: Array) -> None:
-        """Add blocks (m, a (a + 1) / 2, 3, 3) of the node pairs of a group or surface to the matrix."""
-        blocks = np.zeros((*of_pairs.shape[:3], 4))
-        blocks[..., :3] = of_pairs
-        self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
+    def _add(self, k: int, blocks: Array) -> None:
+        """Add blocks (m, a (a + 1) / 2, 3, 4) of the k-th kind of cells to the matrix."""
+        self._filled[0] = True
+        self._add_blocks(blocks, self._places[k], self._panels, self._pairs.blocks)
 
     def count_inverted(self, positions: Array) -> int:
         """Count the cells of other than four nodes that are inverted at positions (n, 3)."""
-        return sum(
-            self._count_folded(positions, cells)
-            for group, cells in zip(self._groups, self._batches, strict=True)
-            if group.fills and group.cells.shape[1] != 4
-        )
+        return sum(cells.count_inverted(positions) for _, cells in self._others)
+
+    def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
+        """Return the von Mises stress of each cell in [Pa], shape (m,); zero in a single rigid region."""
+        result = np.zeros(self._count)
+        for group, elements, polar in self._kernels:
+            moduli = np.zeros((self._count, 2))
+            moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
+            von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
+        for group in (cells.group for _, cells in self._others if cells.group.fills):
+            result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
+        return result
 
 
-class _Further:
-    """Faces that an actuator presses on, or cells with a consistent mass matrix.
+def _pressed_faces(faces: IndexArray, order: IndexArray, inside: IndexArray) -> PressedFaces:
+    """Return the arrays of pressed faces, in elimination order."""
+    faces, order, inside = (np.ascontiguousarray(each, np.int64) for each in (faces, order, inside))
+    count, a = faces.shape
+    return PressedFaces(faces, order, inside, np.zeros((count, a * (a + 1) // 2, 3, 4)))
 
-    Args:
-        faces: Nodes of the faces, shape (m, a).
-        order: Elimination order of the faces, shape (m,).
-        inside: Order of the nodes in each face of that order, shape (m, a).
 
-    Attributes:
-        cells: Nodes of the faces in that order.
-        taken: Index of the blocks (m, a, a, 3, 3) of the given faces that belong to the pairs of `cells`.
-    """
-
-    def __init__(self, faces: IndexArray, order: IndexArray, inside: IndexArray) -> None:
-        first, second = np.triu_indices(faces.shape[1])
-        self.cells = np.take_along_axis(faces[order], inside, axis=1)
-        self.taken = order[:, None], inside[:, first], inside[:, second]
-        self._inputs = faces, order, inside
-
-    def to_arrays(self) -> PressedFaces:
-        """Return the arrays of pressed faces for the kernel."""
-        faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._inputs)
-        return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
+def _upper_blocks(
+    cells: IndexArray, order: IndexArray, inside: IndexArray
+) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Return the index of the blocks (m, a, a) of cells for pairs of nodes in elimination order."""
+    first, second = np.triu_indices(cells.shape[1])
+    return order[:, None], inside[:, first], inside[:, second]
 
 
 class RelaxingCells:
@@ -339,116 +424,6 @@ class RelaxingCells:
     def _memory(self, p: Array, memory: Array, h: float) -> Memory:
         shares, fades, halves = fading(self._group, p, h)
         return Memory(memory, fades, shares * halves)
-
-
-COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
-"""Elements and laws with kernels of their own: rotations by polar decomposition, and by cell frames."""
-
-
-@kernel
-def assemble_cells(
-    x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
-) -> None:
-    """Add the forces of cells with kernels, and `scale` times their stiffness, to panels and reduced.
-
-    PairedCells.fill must have run before: its stored blocks for the reduced coordinates are added, too.
-    `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
-    """
-    assemble_tetrahedra(x, scale, polar, cells.polar, cells.pairs.blocks, work)
-    assemble_tetrahedra(x, scale, frames, cells.frames, cells.pairs.blocks, work)
-    scatter(cells.pairs, nodes, work)
-
-
-class PlannedCells:
-    """All deforming cells of a model, with the places of their blocks.
-
-    Args:
-        model: The model.
-        groups: Its groups without cells in a single rigid region, see `deforming`.
-        nodes: Places of the nodes in the step's arrays.
-        local: Number of each free node among the free ones, shape (n,).
-        layout: The plan of the factor.
-        panels: Panels of the factor.
-        surfaces: See PairedCells.
-
-    Attributes:
-        arrays: Arrays for the kernels.
-        paired: Cells whose stiffness is added pair by pair.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        groups: Sequence[ElementGroup],
-        nodes: Nodes,
-        local: IndexArray,
-        layout: Plan,
-        panels: Array,
-        surfaces: Sequence[IndexArray] = (),
-    ) -> None:
-        self._count = sum(len(group.cells) for group in model.filling)
-        by_kind = {(group.element.name, group.material.name): group for group in groups}
-        tetrahedra = [
-            by_kind.pop(kind, empty_group(element(kind[0]), material(kind[1]))) for kind in COMPILED
-        ]
-        orders = [elimination_order(group.cells, nodes, local, layout) for group in tetrahedra]
-        tetrahedra = [group.part(order) for group, (order, _) in zip(tetrahedra, orders, strict=True)]
-        ordered = [
-            group.with_node_order(inside) for group, (_, inside) in zip(tetrahedra, orders, strict=True)
-        ]
-        self._paired_groups = tuple(by_kind.values())
-        self.paired = PairedCells(
-            model,
-            self._paired_groups,
-            nodes,
-            local,
-            layout,
-            panels,
-            surfaces,
-            [group.cells for group in ordered],
-        )
-        self._kernels = [
-            (group, _elements(group, sorted_by_node, places), not group.material.in_cell_axes)
-            for group, sorted_by_node, places in zip(
-                tetrahedra, ordered, self.paired.places_of_tetrahedra, strict=True
-            )
-        ]
-        self.arrays = self._arrays()
-
-    def _arrays(self) -> Cells:
-        polar, frames = (elements for _, elements, _ in self._kernels)
-        return Cells(polar, frames, self.paired.pairs)
-
-    def of_another_copy(self) -> PlannedCells:
-        """Return the same cells with parameters of their own; the buffers are shared."""
-        other = copy(self)
-        other._kernels = [
-            (group, elements._replace(lame=np.zeros_like(elements.lame)), polar)
-            for group, elements, polar in self._kernels
-        ]
-        other.paired = self.paired.of_another_copy()
-        other.arrays = other._arrays()
-        return other
-
-    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
-        """Set the parameters of each body's law by name."""
-        self.paired.tune(materials)
-        for group, elements, _ in self._kernels:
-            moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
-            padded = np.zeros((len(elements.lame) * LANES, 2))
-            padded[: len(moduli)] = moduli
-            elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
-
-    def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
-        """Return the von Mises stress of each cell in [Pa], shape (m,); zero in a single rigid region."""
-        result = np.zeros(self._count)
-        for group, elements, polar in self._kernels:
-            moduli = np.zeros((self._count, 2))
-            moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
-            von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
-        for group in (each for each in self._paired_groups if each.fills):
-            result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
-        return result
 
 
 def deforming(model: Model) -> list[ElementGroup]:

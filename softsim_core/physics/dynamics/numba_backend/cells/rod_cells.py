@@ -17,6 +17,8 @@ import numpy as np
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.dynamics.numba_backend.cells.batches import add_all_blocks
+from softsim_core.physics.dynamics.numba_backend.cells.points import CellInputs, CellOutputs
 from softsim_core.physics.fem import ElementGroup
 from softsim_core.physics.fem.materials import Section
 from softsim_core.physics.fem.rods import BENDING, SHORTEST, RodGroup, StrainPoints
@@ -60,9 +62,24 @@ class RodCells(NamedTuple):
     damping: Array
     blocks: Array
 
+    def of_another_copy(self) -> RodCells:
+        """Return the same cells with values of their own."""
+        line, sections = (
+            each._replace(stiffness=each.stiffness.copy()) for each in (self.line, self.sections)
+        )
+        return self._replace(line=line, sections=sections, damping=self.damping.copy())
+
+    def tune(self, group: ElementGroup, p: Array) -> None:
+        """Set the stiffness and damping for values p (m, k) of the law's parameters."""
+        assert isinstance(group, RodGroup)
+        assert isinstance(group.material, Section)
+        self.damping[:] = group.material.damping(p)
+        for points, (family, stiffness) in zip((self.line, self.sections), group.families(p), strict=True):
+            points.stiffness[:] = family.lengths[..., None, None] * stiffness
+
 
 def rod_cells(group: ElementGroup) -> RodCells | None:
-    """Return the cells of a group of rods, else None; `tune_rods` sets the values of their law."""
+    """Return the cells of a group of rods, else None."""
     if not isinstance(group, RodGroup):
         return None
     cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
@@ -83,21 +100,6 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
         np.zeros_like(points.stiffness),
         points.along,
     )
-
-
-def own_rods(cells: RodCells) -> RodCells:
-    """Return the same cells with values of their own."""
-    line, sections = (each._replace(stiffness=each.stiffness.copy()) for each in (cells.line, cells.sections))
-    return cells._replace(line=line, sections=sections, damping=cells.damping.copy())
-
-
-def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
-    """Set the stiffness and damping for values p (m, k) of the law's parameters."""
-    assert isinstance(group, RodGroup)
-    assert isinstance(group.material, Section)
-    cells.damping[:] = group.material.damping(p)
-    for points, (family, stiffness) in zip((cells.line, cells.sections), group.families(p), strict=True):
-        points.stiffness[:] = family.lengths[..., None, None] * stiffness
 
 
 @kernel
@@ -187,19 +189,10 @@ def add_bent(products: Array, resultants: Array, out: Array) -> None:
 
 
 @kernel
-def fill_points(
-    x: Array,
-    moved: Array,
-    velocities: Array,
-    lag: float,
-    scale: float,
-    nodes: IndexArray,
-    points: RodPoints,
-    damping: Array,
-    forces: Array,
-    blocks: Array,
-) -> None:
-    """Add the contribution of a family of points; see `fill_rods`."""
+def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: Array) -> None:
+    """Add the forces of a family of points, and its blocks to those of the cells."""
+    x, moved, velocities, lag, scale = inputs.x, inputs.moved, inputs.velocities, inputs.lag, inputs.scale
+    nodes, damping, blocks = cells.nodes, cells.damping, cells.blocks
     maps, members, forms = points.maps, points.members, points.forms
     strains, vectors, taking_part = forms.shape[0], forms.shape[1], members.shape[2]
     a = nodes.shape[1]
@@ -312,20 +305,13 @@ def fill_points(
 
 
 @kernel
-def fill_rods(
-    x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: RodCells, forces: Array
-) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and write scale times K.
+def fill_rods(inputs: CellInputs, cells: RodCells, into: CellOutputs) -> None:
+    """Add forces and stiffness of all cells.
 
-    See strain_cells.fill_strain.
-
-    Without `moved`, K has no negative parts. With a lag, the law's damping is added to both; `scale` is then
-    dt times the lag.
+    Without CellInputs.moved, the stiffness has no negative parts. With a lag, the law's damping is added to
+    both; the scale is then dt times the lag.
     """
     cells.blocks[:] = 0.0
-    fill_points(
-        x, moved, velocities, lag, scale, cells.nodes, cells.line, cells.damping, forces, cells.blocks
-    )
-    fill_points(
-        x, moved, velocities, lag, scale, cells.nodes, cells.sections, cells.damping, forces, cells.blocks
-    )
+    fill_points(inputs, cells, cells.line, into.forces)
+    fill_points(inputs, cells, cells.sections, into.forces)
+    add_all_blocks(cells.blocks, into.places, into.panels, into.pair_blocks)

@@ -17,6 +17,8 @@ import numpy as np
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.dynamics.numba_backend.cells.batches import add_all_blocks
+from softsim_core.physics.dynamics.numba_backend.cells.points import CellInputs, CellOutputs
 from softsim_core.physics.fem import ElementGroup
 from softsim_core.physics.fem.materials import SLACK, Fibres, Membrane
 
@@ -39,12 +41,21 @@ class StrainCells(NamedTuple):
     moduli: Array
     blocks: Array
 
+    def of_another_copy(self) -> StrainCells:
+        """Return the same cells with values of their own."""
+        return self._replace(moduli=self.moduli.copy())
+
+    def tune(self, group: ElementGroup, p: Array) -> None:
+        """Set the moduli for values p (m, k) of the law's parameters."""
+        if isinstance(group.material, Fibres):
+            self.moduli[:, 0] = 4.0 * p[:, 0]
+            return
+        stiff, ratio = p[:, 0] / (1.0 - p[:, 1] ** 2), p[:, 1]
+        self.moduli[:] = np.stack([stiff, stiff * ratio, 0.5 * stiff * (1.0 - ratio)], axis=1)
+
 
 def strain_cells(group: ElementGroup) -> StrainCells | None:
-    """Return the cells of a group of layers or fibres, else None.
-
-    `tune_strain` sets the values of their law.
-    """
+    """Return the cells of a group of layers or fibres, else None."""
     if not isinstance(group.material, Membrane | Fibres):
         return None
     axes = 1 if isinstance(group.material, Fibres) else 2
@@ -52,15 +63,6 @@ def strain_cells(group: ElementGroup) -> StrainCells | None:
     cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
     moduli, blocks = np.zeros((len(cells), 3)), np.zeros((len(cells), a * (a + 1) // 2, 3, 4))
     return StrainCells(cells, np.ascontiguousarray(group.weights), gradients, moduli, blocks)
-
-
-def tune_strain(cells: StrainCells, group: ElementGroup, p: Array) -> None:
-    """Set the moduli for values p (m, k) of the law's parameters."""
-    if isinstance(group.material, Fibres):
-        cells.moduli[:, 0] = 4.0 * p[:, 0]
-        return
-    stiff, ratio = p[:, 0] / (1.0 - p[:, 1] ** 2), p[:, 1]
-    cells.moduli[:] = np.stack([stiff, stiff * ratio, 0.5 * stiff * (1.0 - ratio)], axis=1)
 
 
 @kernel
@@ -104,20 +106,10 @@ def leave_out_pressing(s: Array) -> None:
 
 
 @kernel
-def fill_strain(
-    x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: StrainCells, forces: Array
-) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and write scale times K without negative parts.
-
-    Args:
-        x: Positions in [m], shape (n, 3).
-        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the stress in K is that at x.
-        velocities: Velocities in [m/s], shape (n, 3).
-        lag: Time lag in [s].
-        scale: Factor on the stiffness in `cells.blocks`.
-        cells: The cells.
-        forces: Forces in [N], shape (n, 3).
-    """
+def fill_strain(inputs: CellInputs, cells: StrainCells, into: CellOutputs) -> None:
+    """Add forces, and stiffness without negative parts, of all cells."""
+    x, moved, velocities, lag, scale = inputs.x, inputs.moved, inputs.velocities, inputs.lag, inputs.scale
+    forces = into.forces
     nodes, weights, gradients, moduli = cells.nodes, cells.weights, cells.gradients, cells.moduli
     blocks = cells.blocks
     count, a, axes = len(nodes), nodes.shape[1], gradients.shape[2]
@@ -190,3 +182,4 @@ def fill_strain(
                             )
                         blocks[e, pair, i, i] += turning
                     pair += 1
+    add_all_blocks(blocks, into.places, into.panels, into.pair_blocks)
