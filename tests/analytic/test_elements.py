@@ -234,20 +234,21 @@ def compiled_batch(way: str) -> Any:
     """A kernel around the vector code."""
     from numba import njit
 
-    from softsim_core.physics.dynamics.numba_backend.cells import elements, rotate_lanes
+    from softsim_core.physics.dynamics.numba_backend.cells import elements, nearest_rotations
 
     rotations, turning, frozen = elements.polar_rotations, elements.turning_batch, elements.frozen_batch
     exact, is_frozen = way == "exact", way == "frozen"
 
     @njit
     def run(x, ahead, nodes, gradients, lame, room, turn, forces, blocks):  # type: ignore[no-untyped-def]
-        left = rotations(x, nodes, gradients, 0, room, turn)
-        if left:
-            rotate_lanes(left, room, turn)
+        turned = np.empty((12, room.shape[1]))
+        if rotations(x, nodes, gradients, 0, room, turn):
+            nearest_rotations(room, turn)
+        elements.turn_gradients(turn, gradients, 0, turned)
         if is_frozen:
-            frozen(ahead, 1.0, nodes, gradients, lame, 0, turn, forces, blocks)
+            frozen(ahead, 1.0, nodes, lame, 0, turned, forces, blocks)
         else:
-            turning(ahead, exact, 1.0, nodes, gradients, lame, 0, room, turn, forces, blocks)
+            turning(ahead, exact, 1.0, nodes, lame, 0, room, turn, turned, forces, blocks)
 
     return run
 

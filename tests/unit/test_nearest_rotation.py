@@ -18,11 +18,12 @@ MATRICES = 300
 
 def compiled(matrix: Array) -> Array:
     pytest.importorskip("numba")
-    from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotation
+    from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotations
+    from softsim_core.physics.linalg import LANES
 
-    result = np.empty((3, 3))
-    nearest_rotation(np.ascontiguousarray(matrix), result)
-    return result
+    result = np.empty((9, LANES))
+    nearest_rotations(np.repeat(matrix.reshape(9, 1), LANES, axis=1), result)
+    return result[:, -1].reshape(3, 3)
 
 
 def with_stretches(stretches: Array, seed: int) -> Array:

@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotation, node_pairs
+from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotations, node_pairs
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.layout import Kinematics, Motion, Nodes, Work
 from softsim_core.physics.fem import ElementGroup
+from softsim_core.physics.linalg import LANES
 from softsim_core.physics.mechanics import Model
 
 
@@ -60,17 +61,23 @@ def surroundings(model: Model, groups: Iterable[ElementGroup], position: IndexAr
 @kernel
 def turn(x: Array, around: Surroundings, rotations: Array) -> None:
     """Compute the rotation (f, 3, 3) that best fits each node's neighbours from rest to x (n, 3)."""
-    f = np.empty((3, 3))
-    for n in range(len(around.node)):
-        node = around.node[n]
+    f, r = np.zeros((9, LANES)), np.empty((9, LANES))
+    count = len(around.node)
+    for first in range(0, count, LANES):
         f[:] = 0.0
-        for e in range(around.start[n], around.start[n + 1]):
-            other = around.neighbour[e]
-            for i in range(3):
-                along = x[other, i] - x[node, i]
-                for j in range(3):
-                    f[i, j] += along * around.rest[e, j]
-        nearest_rotation(f, rotations[n])
+        lanes = min(LANES, count - first)
+        for lane in range(lanes):
+            node = around.node[first + lane]
+            for e in range(around.start[first + lane], around.start[first + lane + 1]):
+                other = around.neighbour[e]
+                for i in range(3):
+                    along = x[other, i] - x[node, i]
+                    for j in range(3):
+                        f[3 * i + j, lane] += along * around.rest[e, j]
+        nearest_rotations(f, r)
+        for lane in range(lanes):
+            for i in range(9):
+                rotations[first + lane, i // 3, i % 3] = r[i, lane]
 
 
 @kernel

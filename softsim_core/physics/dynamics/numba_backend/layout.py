@@ -232,6 +232,7 @@ class Work(NamedTuple):
         joint_origins, joint_rotations: Frames that the joints move, shapes (j, 3), (j, 3, 3).
         region_origins, region_rotations: Frames of the regions, shapes (regions, 3), (regions, 3, 3).
         deformation, rotations: Deformation gradients and rotations of one batch, shapes (9, LANES).
+        turned: Rotated shape gradients of one batch, three rows per node, shape (12, LANES).
         blocks: Stiffness of one batch in [N/m], row i of block ab in row 3 (ab) + i: pairs of nodes a <= b
             run 00, 01, ... 33; shape (30, LANES, 4), the fourth number zero.
     """
@@ -252,4 +253,5 @@ class Work(NamedTuple):
     region_rotations: Array
     deformation: Array
     rotations: Array
+    turned: Array
     blocks: Array

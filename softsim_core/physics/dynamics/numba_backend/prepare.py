@@ -10,7 +10,12 @@ import numpy as np
 from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.actuation import Actuators, drive_stiffness
 from softsim_core.physics.actuation.compiled import CompiledKinds, compiled_kinds
-from softsim_core.physics.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
+from softsim_core.physics.dynamics.numba_backend.cells import (
+    PlannedCells,
+    allocate_aligned,
+    couplings,
+    deforming,
+)
 from softsim_core.physics.dynamics.numba_backend.layout import (
     Acting,
     ActuatorRows,
@@ -255,9 +260,10 @@ def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
         region_origins=np.zeros((len(model.regions), 3)),
         region_rotations=np.zeros((len(model.regions), 3, 3)),
         ahead=np.zeros((nodes, 3)),
-        deformation=np.zeros((9, LANES)),
-        rotations=np.zeros((9, LANES)),
-        blocks=np.zeros((30, LANES, 4)),
+        deformation=allocate_aligned((9, LANES)),
+        rotations=allocate_aligned((9, LANES)),
+        turned=allocate_aligned((12, LANES)),
+        blocks=allocate_aligned((30, LANES, 4)),
     )
 
 

@@ -1,4 +1,5 @@
 from .batches import (
+    allocate_aligned as allocate_aligned,
     cell_batches as cell_batches,
     count_folded as count_folded,
     count_inverted as count_inverted,
@@ -13,10 +14,6 @@ from .cells import (
     assemble_tangent as assemble_tangent,
     couplings as couplings,
     deforming as deforming,
-)
-from .corotational import (
-    nearest_rotation as nearest_rotation,
-    rotate_lanes as rotate_lanes,
 )
 from .elements import (
     CLAMPED as CLAMPED,
@@ -33,3 +30,4 @@ from .points import (
     CellInputs as CellInputs,
     CellOutputs as CellOutputs,
 )
+from .stretches import nearest_rotations as nearest_rotations

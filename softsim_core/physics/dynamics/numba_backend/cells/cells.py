@@ -282,10 +282,7 @@ class PlannedCells:
         for _, cells in self._others:
             cells.tune(cells.group.values(materials))
         for group, elements, _ in self._kernels:
-            moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
-            padded = np.zeros((len(elements.lame) * LANES, 2))
-            padded[: len(moduli)] = moduli
-            elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
+            elements.lame[:] = _lame_in_lanes(group, materials, group.volumes)
 
     def fill(
         self,
@@ -369,12 +366,21 @@ class PlannedCells:
         """Return the von Mises stress of each cell in [Pa], shape (m,); zero in a single rigid region."""
         result = np.zeros(self._count)
         for group, elements, polar in self._kernels:
-            moduli = np.zeros((self._count, 2))
-            moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
-            von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
+            moduli, stress = _lame_in_lanes(group, materials), np.zeros((len(elements.nodes), LANES))
+            von_mises_stress(state.positions, polar, elements, moduli, work, stress)
+            result[group.numbers] = stress.ravel()[: len(group.cells)]
         for group in (cells.group for _, cells in self._others if cells.group.fills):
             result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
         return result
+
+
+def _lame_in_lanes(
+    group: ElementGroup, materials: Sequence[Mapping[str, float]], factor: Array | float = 1.0
+) -> Array:
+    """Return the Lame parameters of cells times a factor (m,), zero in lanes without one, (B, 2, LANES)."""
+    moduli = np.zeros((2, -(-len(group.cells) // LANES) * LANES))
+    moduli[:, : len(group.cells)] = factor * np.array(lame(group.values(materials)))
+    return np.ascontiguousarray(moduli.reshape(2, -1, LANES).swapaxes(0, 1))
 
 
 def _pressed_faces(faces: IndexArray, order: IndexArray, inside: IndexArray) -> PressedFaces:

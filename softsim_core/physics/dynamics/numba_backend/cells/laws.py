@@ -41,7 +41,6 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     scaled,
     size,
     times,
-    transposed,
     triple_at,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, allocate_aligned, in_lanes
@@ -76,10 +75,10 @@ from softsim_core.physics.dynamics.numba_backend.cells.stretches import (
     STRETCHES,
     add_volume,
     clamp_modes,
+    nearest_rotation,
     put_modes,
     put_principal,
     put_stretches,
-    signed_stretches,
 )
 from softsim_core.physics.fem import ElementGroup, mean_volume_law, split_bulk
 from softsim_core.physics.fem.materials import (
@@ -354,9 +353,7 @@ def put_found(points: Array, point: int, moved: Array, place: int) -> None:
     `moved` has the gradient of the solve's displacement from row `place` on.
     """
     f = matrix_at(points, point + DEFORMATION)
-    u, _, v = signed_stretches(difference(f, matrix_at(moved, place)))
-    u, v = transposed(u), transposed(v)
-    r = (times(v, u[0]), times(v, u[1]), times(v, u[2]))
+    r = nearest_rotation(difference(f, matrix_at(moved, place)))
     put(points, point + FOUND_DILATATION, contraction(r, f) - 3.0)
 
 

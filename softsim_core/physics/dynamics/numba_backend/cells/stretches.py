@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from softsim_core.base import Array
+from softsim_core.physics.dynamics.numba_backend import kernel
 from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     Matrix,
     Triple,
@@ -145,6 +146,20 @@ def frame_along(a: Triple, b: Triple) -> Matrix:
     rest = choose(is_flat, cross(first, axis), rest)
     second = over(rest, root(dot(rest, rest)))
     return (first, second, cross(first, second))
+
+
+@part
+def nearest_rotation(f: Matrix) -> Matrix:
+    """Return U V^T, the proper rotation nearest to F in the Frobenius norm."""
+    u, _, v = signed_stretches(f)
+    first, second = transposed(u), transposed(v)
+    return (times(second, first[0]), times(second, first[1]), times(second, first[2]))
+
+
+@kernel
+def nearest_rotations(deformation: Array, rotations: Array) -> None:
+    """Compute the rotations nearest to LANES matrices, both (9, LANES), also where they are degenerate."""
+    put_matrix(rotations, 0, nearest_rotation(matrix_at(deformation, 0)))
 
 
 @part
