@@ -17,10 +17,10 @@ from .layout import (
     CellPlaces as CellPlaces,
     Cells as Cells,
     Elements as Elements,
-    Kinematics as Kinematics,
     Motion as Motion,
     Nodes as Nodes,
     Pairs as Pairs,
+    StepArrays as StepArrays,
     Work as Work,
 )
 from .stepper import NumbaStepper as NumbaStepper

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from time import perf_counter
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from softsim_core.physics.dynamics.numba_backend.cells import (
     FROZEN,
     assemble_cells,
     assemble_nodes,
-    count_inverted,
     deforming,
 )
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
@@ -51,12 +50,12 @@ from softsim_core.physics.dynamics.numba_backend.kinematics import (
     turn,
 )
 from softsim_core.physics.dynamics.numba_backend.layout import (
+    NO_STIFFNESS,
     Acting,
     Cells,
-    Kinematics,
     Motion,
-    Nodes,
-    Work,
+    StepArrays,
+    StepInputs,
 )
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared, of_another_copy, shares_plan
 from softsim_core.physics.dynamics.numba_backend.responses import Responses, spread_rows
@@ -92,34 +91,33 @@ from softsim_core.physics.mechanics import Model, Rows
 
 
 @kernel
-def assemble(
-    motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
-    kinematics: Kinematics, cells: Cells, nodes: Nodes, acting: Acting | None, tree: Tree, work: Work,
-) -> None:  # fmt: skip
-    """Add forces, matrix and right-hand side of the step to `work`, beside those of paired cells."""
+def assemble(inputs: StepInputs, cells: Cells, acting: Acting | None, arrays: StepArrays) -> None:
+    """Add forces, matrix and right-hand side of the step to `work`, beside those of other cells."""
+    motion, h, lag = inputs.motion, inputs.h, inputs.lag
+    straining, external = inputs.straining, inputs.external
+    nodes, tree, work = arrays.nodes, arrays.tree, arrays.work
     x, v = motion.positions, motion.velocities
-    motion_subspace(motion, kinematics, work)
+    motion_subspace(motion, arrays.kinematics, work)
     jacobians(motion, nodes, work)
     for n in range(len(x)):
         for i in range(3):
             work.forces[n, i] = external[n, i]
             work.ahead[n, i] = x[n, i] + lag * straining[n, i]
     assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
-    assemble_nodes(v, h, rayleigh_mass, nodes, work)
+    assemble_nodes(v, h, inputs.rayleigh_mass, nodes, work)
     if acting is not None:
         add_rows(h, motion, acting.rows, acting.kinds, nodes, tree, work)
         add_stiffness(acting.stiffness, straining, motion.reduced_velocities, nodes, tree, work)
 
 
 @kernel
-def finish(
-    motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
-    kinematics: Kinematics, tree: Tree, nodes: Nodes, acting: Acting | None, work: Work,
-) -> float:  # fmt: skip
+def finish(inputs: StepInputs, acting: Acting | None, arrays: StepArrays) -> float:
     """Solve reduced coordinates and free nodes, advance, report joint efforts.
 
     Return the top speed or NaN.
     """
+    motion, targets, h, lag = inputs.motion, inputs.targets, inputs.h, inputs.lag
+    kinematics, nodes, tree, work = arrays.kinematics, arrays.nodes, arrays.tree, arrays.work
     joints, velocities = len(motion.joint_positions), motion.reduced_velocities
     size, right = len(velocities), len(work.factor.schur)
     first = size - joints
@@ -138,7 +136,7 @@ def finish(
             change[first + acting.rows.joint[c]] = 0.0  # an actuator's joint moves no frame
     eliminate_reduced(work.factor.schur, prescribed, change, work.scratch)
     if acting is not None:
-        hold_rows(h, targets, lower, upper, change, size, acting.rows, work.scratch)
+        hold_rows(h, targets, inputs.lower, inputs.upper, change, size, acting.rows, work.scratch)
     solve_reduced(prescribed, change, work.scratch)
     solve_backward(tree, work.factor)
     speed, finite = 0.0, True
@@ -162,7 +160,7 @@ def finish(
             speed = max(speed, abs(velocities[b]))
         finite = finite and velocities[b] == velocities[b]
     advance_reduced(h, motion)
-    motion.base_shift[0] = base_shift
+    motion.base_shift[0] = inputs.base_shift
     for j in range(joints):
         if prescribed[first + j]:
             motion.joint_positions[j] = targets[j]  # exactly, without rounding
@@ -176,24 +174,20 @@ def finish(
 
 @kernel
 def advance(
-    motion: Motion, straining: Array, external: Array, targets: Array, base_shift: float, lower: Array,
-    upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
-    nodes: Nodes, acting: Acting | None, tree: Tree, work: Work, corners: IndexArray,
-) -> tuple[float, int, float, float, float]:  # fmt: skip
+    inputs: StepInputs, cells: Cells, acting: Acting | None, arrays: StepArrays
+) -> tuple[float, float, float, float]:
     """Advance one whole step.
 
     Returns:
-        The largest speed, the number of inverted elements among `corners` (m, 4), and the seconds for
-        assembly, factorisation and the rest.
+        The largest speed, and the seconds for assembly, factorisation and the rest.
     """
     started = steady_seconds()
-    assemble(motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, acting, tree, work)
+    assemble(inputs, cells, acting, arrays)
     assembled = steady_seconds()
-    factor(tree, work.factor)
+    factor(arrays.tree, arrays.work.factor)
     factored = steady_seconds()
-    speed = finish(motion, targets, base_shift, lower, upper, h, lag, kinematics, tree, nodes, acting, work)
-    inverted = count_inverted(motion.positions, corners)
-    return speed, inverted, assembled - started, factored - assembled, steady_seconds() - factored
+    speed = finish(inputs, acting, arrays)
+    return speed, assembled - started, factored - assembled, steady_seconds() - factored
 
 
 class Elimination(Protocol):
@@ -211,37 +205,20 @@ class Elimination(Protocol):
     prepared: Prepared
     responses: Responses
 
-    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], StepInputs]) -> None:
         """Update stored data after parameters have changed.
 
-        `rest()` returns the arguments of `assemble` at rest.
+        `rest()` returns the inputs of a step from rest, after other cells have been assembled.
         """
         ...
 
-    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """Advance one whole step, with the arguments and results of the kernel `advance`.
+    def advance(self, inputs: StepInputs, acting: Acting | None) -> tuple[float, float, float, float]:
+        """Advance one whole step, with the results of the kernel `advance`.
 
         Raises:
             FactorisationError: the step needs a factor; nothing has moved.
         """
         ...
-
-
-def assembling(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the arguments of `assemble` from those of `advance`."""
-    motion, straining, external, *_ = arguments
-    return motion, straining, external, *arguments[7:16]
-
-
-def finishing(arguments: tuple[Any, ...], tree: Tree, work: Work) -> tuple[Any, ...]:
-    """Return the arguments of `finish` from those of `advance`, with the given tree and buffers."""
-    motion, kinematics, nodes, acting = (arguments[i] for i in (0, 10, 12, 13))
-    return motion, *arguments[3:9], kinematics, tree, nodes, acting, work
-
-
-def without_actuators(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the arguments of `advance` for a step without actuators."""
-    return *arguments[:13], None, *arguments[14:]
 
 
 class DirectElimination:
@@ -275,14 +252,15 @@ class DirectElimination:
         """Factor the matrix in the panels, and solve forward."""
         self._factor(self.prepared.tree, self.prepared.work.factor)
 
-    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """Advance one whole step, with the arguments and results of the kernel `advance`."""
-        if not len(self._actuators):
-            arguments = without_actuators(arguments)
-        result: tuple[float, int, float, float, float] = self._advance(*arguments)
+    def advance(self, inputs: StepInputs, acting: Acting | None) -> tuple[float, float, float, float]:
+        """Advance one whole step, with the results of the kernel `advance`."""
+        data = self.prepared
+        result: tuple[float, float, float, float] = self._advance(
+            inputs, data.cells.arrays, acting, data.arrays
+        )
         return result
 
-    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], StepInputs]) -> None:
         """Do nothing: a direct elimination stores nothing that depends on the parameters."""
 
 
@@ -309,16 +287,15 @@ class DividedElimination(DirectElimination):
         store = self.prepared.work.factor
         self._factor_together(self.prepared.tree, store, self._division, self._buffers)
 
-    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+    def advance(self, inputs: StepInputs, acting: Acting | None) -> tuple[float, float, float, float]:
         """Advance one whole step: assemble, factor by several threads, solve."""
-        started = perf_counter()
-        self._assemble(*assembling(arguments))
+        data, started = self.prepared, perf_counter()
+        self._assemble(inputs, data.cells.arrays, acting, data.arrays)
         assembled = perf_counter()
         self.factor()
         factored = perf_counter()
-        speed = self._finish(*finishing(arguments, self.prepared.tree, self.prepared.work))
-        inverted = count_inverted(arguments[0].positions, arguments[-1])
-        return speed, inverted, assembled - started, factored - assembled, perf_counter() - factored
+        speed = self._finish(inputs, acting, data.arrays)
+        return speed, assembled - started, factored - assembled, perf_counter() - factored
 
 
 TOLERANCE, TOLERANCE_SHARE = 1e-8, 2e-7
@@ -404,9 +381,10 @@ class IterativeElimination:
         self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # for velocities, in [m/s]
         self.iterations = 0
 
-    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], StepInputs]) -> None:
         """Recompute the preconditioner from the matrix at rest, after parameters have changed."""
-        self._assemble(*rest())
+        data = self.prepared
+        self._assemble(rest(), data.cells.arrays, data.acting(NO_STIFFNESS), data.arrays)
         self.by = self.by._replace(panels=np.zeros(0, np.float32))  # free the memory for the next one
         for kind in (np.float32, np.float64):  # double precision if rounding made a pivot negative
             store = empty_factor(self.plan, 0, kind)
@@ -418,22 +396,20 @@ class IterativeElimination:
             if np.isfinite(self.by.panels.sum(dtype=np.float64)):
                 return
 
-    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+    def advance(self, inputs: StepInputs, acting: Acting | None) -> tuple[float, float, float, float]:
         """Advance one whole step: assemble, iterate, solve.
 
         Raises:
             FactorisationError: nothing has moved.
         """
-        positions, corners = arguments[0].positions, arguments[-1]
-        started = perf_counter()
-        self._assemble(*assembling(arguments))
+        data, started = self.prepared, perf_counter()
+        self._assemble(inputs, data.cells.arrays, acting, data.arrays)
         assembled = perf_counter()
-        self._turn(positions, self._around, self.by.rotations)
+        self._turn(inputs.motion.positions, self._around, self.by.rotations)
         self._eliminate(self.tolerance)
         iterated = perf_counter()
-        speed = self._finish(*finishing(arguments, self.answer.tree, self.answering.work))
-        inverted = count_inverted(positions, corners)
-        return speed, inverted, assembled - started, iterated - assembled, perf_counter() - iterated
+        speed = self._finish(inputs, acting, self.answering.arrays)
+        return speed, assembled - started, iterated - assembled, perf_counter() - iterated
 
     def _eliminate(self, tolerance: float) -> None:
         """Compute the Schur complement of the reduced coordinates, and the columns of the solution."""
@@ -540,10 +516,7 @@ class IterativeResponses(Responses):
             (len(self.prepared.work.factor.solution), rows.height + (-rows.height) % LANES)
         )
         self._column = self._columns(rows)
-        self._spread_rows(
-            *rows, self._column, motion, self.prepared.kinematics, self.prepared.nodes, self.prepared.tree,
-            self.prepared.work, self._spread, self._spans,
-        )  # fmt: skip
+        self._spread_rows(rows, self._column, motion, self.prepared.arrays, self._spread, self._spans)
         inner = self._spread[:free]
         self._unknowns = np.flatnonzero(inner.any(axis=1))
         self._touching = inner[self._unknowns].take(self._column, axis=1)

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.actuation.compiled import CompiledKinds
-from softsim_core.physics.linalg import Factor
+from softsim_core.physics.linalg import Factor, Tree
+from softsim_core.physics.mechanics import no_rows
 
 
 class CellPlaces(NamedTuple):
@@ -190,6 +193,9 @@ class ActuatorStiffness(NamedTuple):
     weight: Array
 
 
+NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
+
+
 class Acting(NamedTuple):
     """Actuators of a step; it is None in a step without any, which is compiled without them.
 
@@ -255,3 +261,44 @@ class Work(NamedTuple):
     rotations: Array
     turned: Array
     blocks: Array
+
+
+class StepArrays(NamedTuple):
+    """Arrays that stay in place from step to step, beside those of cells and actuators.
+
+    Attributes:
+        kinematics, nodes, work: See there.
+        tree: Tree of the factor.
+    """
+
+    kinematics: Kinematics
+    nodes: Nodes
+    tree: Tree
+    work: Work
+
+
+class StepInputs(NamedTuple):
+    """Inputs of a step.
+
+    Attributes:
+        motion: The state; the step changes it.
+        straining: Velocities in [m/s] that damp strain, shape (n, 3).
+        external: Forces on the nodes in [N] but those of linear tetrahedra and masses, shape (n, 3).
+        targets: Targets of the joints, shape (j,).
+        base_shift: Shift of the joints' bases in [m].
+        lower, upper: Bounds of the actuators' multipliers, shape (c,).
+        h: Time step in [s].
+        lag: Time lag of the elastic forces in [s].
+        rayleigh_mass: Damping of masses in [1/s].
+    """
+
+    motion: Motion
+    straining: Array
+    external: Array
+    targets: Array
+    base_shift: float
+    lower: Array
+    upper: Array
+    h: float
+    lag: float
+    rayleigh_mass: float

@@ -22,6 +22,7 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
     ActuatorStiffness,
     Kinematics,
     Nodes,
+    StepArrays,
     Work,
 )
 from softsim_core.physics.fem import ElementGroup
@@ -46,9 +47,14 @@ class Prepared(NamedTuple):
     tree: Tree
     work: Work
 
-    def acting(self, stiffness: ActuatorStiffness) -> Acting:
-        """Return the actuators of a step in which they add this stiffness."""
-        return Acting(self.rows, self.kinds, stiffness)
+    @property
+    def arrays(self) -> StepArrays:
+        """Arrays for the kernels, beside those of cells and actuators."""
+        return StepArrays(self.kinematics, self.nodes, self.tree, self.work)
+
+    def acting(self, stiffness: ActuatorStiffness) -> Acting | None:
+        """Return the actuators of a step in which they add this stiffness; None: there are none."""
+        return Acting(self.rows, self.kinds, stiffness) if len(self.rows.joint) else None
 
 
 LayOut: TypeAlias = Callable[[int, IndexArray, IndexArray, int], Plan]

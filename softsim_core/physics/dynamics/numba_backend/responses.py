@@ -25,20 +25,21 @@ from softsim_core.physics.dynamics.numba_backend.kinematics import (
     place_regions,
     slides,
 )
-from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
+from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Motion, StepArrays
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg import LANES, Tree, dot_product, forward_rows, forward_space, solve_backward
+from softsim_core.physics.linalg import LANES, dot_product, forward_rows, forward_space, solve_backward
 from softsim_core.physics.mechanics import Model, Rows, State
 
 
 @kernel
 def spread_rows(
-    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
-    kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
-) -> None:  # fmt: skip
+    rows: Rows, column: IndexArray, motion: Motion, arrays: StepArrays, spread: Array, spans: IndexArray
+) -> None:
     """Write H^T into `spread` (unknowns, padded rows), row r in column[r], and the supernodes' spans."""
-    motion_subspace(motion, kinematics, work)
+    start, place, coefficient = rows.start, rows.place, rows.coefficient
+    nodes, tree, work = arrays.nodes, arrays.tree, arrays.work
+    motion_subspace(motion, arrays.kinematics, work)
     jacobians(motion, nodes, work)
     unknown, supernode, parent = nodes.first_unknown, nodes.supernode, tree.parent
     size, count, tail = len(start) - 1, len(unknown), 3 * len(nodes.free)
@@ -76,13 +77,12 @@ def spread_rows(
 
 @kernel
 def respond(
-    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
-    kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
+    rows: Rows, column: IndexArray, motion: Motion, arrays: StepArrays, spread: Array, spans: IndexArray,
     space: Array, product: Array, result: Array,
 ) -> None:  # fmt: skip
     """Compute H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r)."""
-    spread_rows(start, place, coefficient, column, motion, kinematics, nodes, tree, work, spread, spans)
-    forward_rows(tree, work.factor, spans, spread, space, product)
+    spread_rows(rows, column, motion, arrays, spread, spans)
+    forward_rows(arrays.tree, arrays.work.factor, spans, spread, space, product)
     for r in range(len(column)):
         for q in range(r + 1):
             value = -product[min(column[r], column[q]), max(column[r], column[q])]
@@ -145,14 +145,14 @@ def let_reduced_move(
 
 @kernel
 def apply_impulses(
-    motion: Motion, before: Motion, impulses: Array, reduced_change: Array, h: float, kinematics: Kinematics,
-    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree, work: Work, spread: Array,
-    spans: IndexArray,
+    motion: Motion, before: Motion, impulses: Array, reduced_change: Array, h: float, rows: ActuatorRows,
+    kinds: CompiledKinds, arrays: StepArrays, spread: Array, spans: IndexArray,
 ) -> float:  # fmt: skip
     """Change velocities and positions by impulses (padded rows); return the top speed, or NaN.
 
     `reduced_change` (b + c,) has the change of frames and joints, then minus the impulses of actuators.
     """
+    kinematics, nodes, tree, work = arrays.kinematics, arrays.nodes, arrays.tree, arrays.work
     tail, size = 3 * len(nodes.free), len(motion.reduced_velocities)
     flat, pitch = spread.reshape(-1), spread.shape[1]
     for s in range(len(tree.columns)):
@@ -258,8 +258,7 @@ class Responses:
         placed, spread = self._reach(impulses[acting:])
         speed = self._apply(
             motion_of(state), motion_of(before), placed, np.concatenate([change, -impulses[:acting]]),
-            model.dt, data.kinematics, data.nodes, data.rows, data.kinds, data.tree, data.work, spread,
-            self._spans,
+            model.dt, data.rows, data.kinds, data.arrays, spread, self._spans,
         )  # fmt: skip
         if len(free):
             first, prescribed = model.reduced_size - len(free), self._prescribed
@@ -293,9 +292,8 @@ class Responses:
         self._spread, buffer, product = self._take_buffers((unknowns, padded), (space,), (padded, padded))
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         self._respond_to(
-            *rows, self._column, motion, data.kinematics, data.nodes, data.tree, data.work, self._spread,
-            self._spans, buffer, product, result,
-        )  # fmt: skip
+            rows, self._column, motion, data.arrays, self._spread, self._spans, buffer, product, result
+        )
         return result
 
     def _reach(self, impulses: Array) -> tuple[Array, Array]:

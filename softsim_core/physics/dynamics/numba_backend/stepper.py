@@ -18,8 +18,6 @@ from softsim_core.physics.dynamics.numba_backend.cells import (
     CLAMPED,
     EXACT,
     assemble_tangent,
-    count_inverted,
-    orient_cells,
 )
 from softsim_core.physics.dynamics.numba_backend.elimination import (
     DirectElimination,
@@ -27,7 +25,12 @@ from softsim_core.physics.dynamics.numba_backend.elimination import (
     Elimination,
     IterativeElimination,
 )
-from softsim_core.physics.dynamics.numba_backend.layout import ActuatorStiffness, Motion
+from softsim_core.physics.dynamics.numba_backend.layout import (
+    NO_STIFFNESS,
+    ActuatorStiffness,
+    Motion,
+    StepInputs,
+)
 from softsim_core.physics.dynamics.numba_backend.prepare import prepare
 from softsim_core.physics.dynamics.numba_backend.responses import Responses, motion_of
 from softsim_core.physics.kernels import OneSignature
@@ -46,7 +49,7 @@ from softsim_core.physics.linalg import (
     usable_threads,
     with_space_for,
 )
-from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State, no_rows
+from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State
 
 MANY = 2000
 """Number of free nodes above which iteration is considered: with fewer, a factor stays in the cache."""
@@ -102,9 +105,6 @@ def planned_elimination(
     return DirectElimination(model, actuators, prepared)
 
 
-_NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
-
-
 class NumbaStepper:
     """Stepper that plans once and then steps in compiled code.
 
@@ -142,7 +142,6 @@ class NumbaStepper:
         self._factoring: NumbaStepper | None = None  # never itself: a cycle would outlive its user
         self._prepared = self._elimination.prepared
         self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
-        self._corners = orient_cells(model)
         self._soft = bool(model.spring.any())
         self._turning = FreeTurning(model)
         self._weight = model.weight
@@ -209,13 +208,12 @@ class NumbaStepper:
             data.rows.value[own] = group.values(model, state)
             data.rows.coefficient[entries] = group.coefficients(model, state)
         try:
-            speed, inverted, *seconds = self._elimination.advance(
-                motion_of(state), straining, external, targets, control.base_shift,
-                transmissions.lower, transmissions.upper,
-                model.dt, lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
-                data.acting(self._stiffness(state, model.dt * lag, moved)), data.tree, data.work,
-                self._corners,
+            inputs = StepInputs(
+                motion_of(state), straining, external, targets, control.base_shift, transmissions.lower,
+                transmissions.upper, model.dt, lag, parameters.rayleigh_mass,
             )  # fmt: skip
+            acting = data.acting(self._stiffness(state, model.dt * lag, moved))
+            speed, *seconds = self._elimination.advance(inputs, acting)
         except FactorisationError:
             factoring = self._with_factor()
             report = factoring._step(state, control, parameters, moved, pressed)
@@ -223,13 +221,12 @@ class NumbaStepper:
             return report
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
-        inverted += data.cells.count_inverted(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all later results
         return StepReport(
             float(speed),
             times,
-            inverted,
+            data.cells.count_inverted(state.positions),
             positive=bool(speed == speed),
             linear_iterations=self._elimination.iterations,
         )
@@ -237,13 +234,13 @@ class NumbaStepper:
     def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
         """Return the stiffness of taut actuators times `scale`; none if `moved` is None."""
         if moved is None or not len(self.actuators):
-            return _NO_STIFFNESS
+            return NO_STIFFNESS
         multipliers = state.joint_efforts[self.actuators.joint]
         rows, weight = self.actuators.geometric_stiffness(
             self.model, state, multipliers, without_surfaces=True
         )
         if not len(weight):
-            return _NO_STIFFNESS
+            return NO_STIFFNESS
         return ActuatorStiffness(*rows.with_kernel_types(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
@@ -251,7 +248,7 @@ class NumbaStepper:
         self._before.copy_from(state)
         report = self.step(state, control, parameters)
         self._free.copy_from(state)
-        return NumbaFreeMotion(self._responses, state, self._before, self._free, report, self._corners)
+        return NumbaFreeMotion(self._responses, state, self._before, self._free, report)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """Return the von Mises stress of each element in [Pa], shape (m,)."""
@@ -285,9 +282,8 @@ class NumbaStepper:
         if pressed:
             data.cells.press(pressed, np.zeros_like(loads))
         self._assemble_tangent(
-            motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
-            data.nodes, data.work,
-        )  # fmt: skip
+            motion_of(state), loads, self.model.spring, tangent, data.cells.arrays, data.arrays
+        )
         assert isinstance(self._elimination, DirectElimination)
         self._elimination.factor()
         return self._responses.positive()
@@ -304,18 +300,18 @@ class NumbaStepper:
         data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
         self._elimination.update_parameters(lambda: self._at_rest(parameters, lag))
 
-    def _at_rest(self, parameters: Parameters, lag: float) -> tuple[object, ...]:
-        """Return the arguments of `assemble` for the matrix of a step from rest; see Elimination."""
+    def _at_rest(self, parameters: Parameters, lag: float) -> StepInputs:
+        """Return the inputs of a step from rest; see Elimination.update_parameters."""
         rest, data, h = self.model.rest_state(), self._prepared, self.model.dt
         clear(data.work.factor)
         still = np.zeros_like(rest.positions)
         data.cells.fill(rest, True, h * lag, lag, still, None, h / lag)
         if self.model.coupling is not None:
             data.cells.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
-        return (
-            motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
-            data.cells.arrays, data.nodes, data.acting(_NO_STIFFNESS), data.tree, data.work,
-        )  # fmt: skip
+        none, targets = np.zeros(len(self.actuators)), np.zeros(len(self.model.joints))
+        return StepInputs(
+            motion_of(rest), still, still, targets, 0.0, none, none, h, lag, parameters.rayleigh_mass
+        )
 
     def _with_factor(self) -> NumbaStepper:
         """Return the stepper that factors: itself, or a second one, made on first use."""
@@ -330,18 +326,12 @@ class NumbaFreeMotion:
     """Unconstrained step of the compiled stepper, and the responses to impulses on it."""
 
     def __init__(
-        self,
-        responses: Responses,
-        state: State,
-        before: State,
-        free: State,
-        report: StepReport,
-        corners: IndexArray,
+        self, responses: Responses, state: State, before: State, free: State, report: StepReport
     ) -> None:
         self.state, self.before, self.report = state, before, report
         self.violations = responses.prepared.rows.violation.copy()
         self.defect: Array | None = None
-        self._responses, self._free, self._corners = responses, free, corners
+        self._responses, self._free = responses, free
 
     def compliance(self, rows: Rows) -> Array:
         """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
@@ -356,8 +346,7 @@ class NumbaFreeMotion:
         self.defect = self._responses.defect
         if MOVED in state.extra:
             state.extra[MOVED][:] = state.positions - self.before.positions
-        inverted = count_inverted(state.positions, self._corners)
-        inverted += self._responses.prepared.cells.count_inverted(state.positions)
+        inverted = self._responses.prepared.cells.count_inverted(state.positions)
         return replace(self.report, top_speed=speed, inverted=inverted)
 
 

@@ -2,10 +2,8 @@ from .batches import (
     allocate_aligned as allocate_aligned,
     cell_batches as cell_batches,
     count_folded as count_folded,
-    count_inverted as count_inverted,
     largest_strain_change as largest_strain_change,
     node_pairs as node_pairs,
-    orient_cells as orient_cells,
 )
 from .cells import (
     PlannedCells as PlannedCells,

@@ -12,10 +12,10 @@ from softsim_core.physics.dynamics.numba_backend import (
     CellPlaces,
     Cells,
     Elements,
-    Kinematics,
     Motion,
     Nodes,
     PressedFaces,
+    StepArrays,
     Work,
     jacobians,
     kernel,
@@ -23,6 +23,7 @@ from softsim_core.physics.dynamics.numba_backend import (
     press_faces,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.batches import (
+    CellBatches,
     add_all_blocks,
     cell_batches,
     cell_places,
@@ -102,10 +103,8 @@ class PlainCells:
         self._add_blocks(blocks, into.places, into.panels, into.pair_blocks)
 
     def count_inverted(self, positions: Array) -> int:
-        """Count the cells that are inverted at positions (n, 3), except those of four nodes."""
-        if not self.group.fills or self.group.cells.shape[1] == 4:
-            return 0
-        return int(self._count_folded(positions, self._batches))
+        """Count the cells that are inverted at positions (n, 3)."""
+        return int(self._count_folded(positions, self._batches)) if self.group.fills else 0
 
 
 class LawCells(PlainCells):
@@ -258,6 +257,12 @@ class PlannedCells:
             (group, _elements(group, nodes_sorted, places), not group.material.in_cell_axes)
             for group, nodes_sorted, places in zip(tetrahedra, ordered, self._places[-2:], strict=True)
         ]
+        self._tetrahedra = [
+            CellBatches(each.nodes, each.gradients.reshape(-1, LANES), np.array([len(group.cells)]))
+            for group, each, _ in self._kernels
+            if len(group.cells)
+        ]
+        self._count_folded = OneSignature(count_folded)
         self.arrays = self._arrays()
         self._press = [OneSignature(press_faces) for _ in self._surfaces]
         self._add_blocks = OneSignature(add_all_blocks)
@@ -359,8 +364,9 @@ class PlannedCells:
         self._add_blocks(blocks, self._places[k], self._panels, self._pairs.blocks)
 
     def count_inverted(self, positions: Array) -> int:
-        """Count the cells of other than four nodes that are inverted at positions (n, 3)."""
-        return sum(cells.count_inverted(positions) for _, cells in self._others)
+        """Count the cells that are inverted at positions (n, 3)."""
+        others = sum(cells.count_inverted(positions) for _, cells in self._others)
+        return others + sum(int(self._count_folded(positions, each)) for each in self._tetrahedra)
 
     def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
         """Return the von Mises stress of each cell in [Pa], shape (m,); zero in a single rigid region."""
@@ -470,13 +476,13 @@ def _elements(group: ElementGroup, ordered: ElementGroup, places: CellPlaces) ->
 
 @kernel
 def assemble_tangent(
-    motion: Motion, external: Array, spring: Array, tangent: int, kinematics: Kinematics, cells: Cells,
-    nodes: Nodes, work: Work,
-) -> None:  # fmt: skip
-    """Add the static tangent to panels and reduced, beside the contribution of paired cells.
+    motion: Motion, external: Array, spring: Array, tangent: int, cells: Cells, arrays: StepArrays
+) -> None:
+    """Add the static tangent to panels and reduced, beside the contribution of other cells.
 
     `external` are all loads but elastic ones (n, 3); `tangent` is elements.EXACT or CLAMPED.
     """
+    kinematics, nodes, work = arrays.kinematics, arrays.nodes, arrays.work
     x, first = motion.positions, 6 * len(motion.frame_positions)
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
