@@ -177,7 +177,7 @@ def measure_scale(shape: str, size: str) -> Scale:
 
 def measure_planning(model: Model) -> tuple[float, int, float]:
     """Return seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
-    from softsim_core.physics.dynamics.numba_backend.cells import node_pairs
+    from softsim_core.physics.dynamics.numba_backend import node_pairs
     from softsim_core.physics.linalg import LANES, ROWS, plan
 
     local = np.full(len(model.rest), -1, dtype=np.int64)

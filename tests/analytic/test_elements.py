@@ -234,7 +234,7 @@ def compiled_batch(way: str) -> Any:
     """A kernel around the vector code."""
     from numba import njit
 
-    from softsim_core.physics.dynamics.numba_backend.cells import elements, nearest_rotations
+    from softsim_core.physics.dynamics.numba_backend import elements, nearest_rotations
 
     rotations, turning, frozen = elements.polar_rotations, elements.turning_batch, elements.frozen_batch
     exact, is_frozen = way == "exact", way == "frozen"

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.physics.dynamics.numba_backend.cells import compiled_law
+from softsim_core.physics.dynamics.numba_backend import compiled_law
 from softsim_core.physics.fem.materials import material
 from softsim_core.scene import load_scene
 

@@ -62,10 +62,10 @@ def filled(
 
     They have been filled before, with what another solve has moved, as in a step that is done again.
     """
-    from softsim_core.physics.dynamics.numba_backend import CellPlaces
-    from softsim_core.physics.dynamics.numba_backend.cells import (
+    from softsim_core.physics.dynamics.numba_backend import (
         CellInputs,
         CellOutputs,
+        CellPlaces,
         cell_batches,
         compiled_law,
         point_cells,
@@ -183,7 +183,7 @@ def test_cells_that_are_no_numbers_say_so() -> None:
 @pytest.mark.slow
 def test_what_is_held_and_remembered(name: str, cell: str) -> None:
     """Prony terms: memory, what it holds, and its forces and blocks; where cells are crushed, too."""
-    from softsim_core.physics.dynamics.numba_backend.cells import RelaxingCells
+    from softsim_core.physics.dynamics.numba_backend import RelaxingCells
 
     group, p, points = group_of(name, cell, terms=2)
     compiled, rng = RelaxingCells(group), np.random.default_rng(6)

@@ -11,7 +11,7 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core import box_mesh  # noqa: E402
-from softsim_core.physics.dynamics.numba_backend.cells import node_pairs  # noqa: E402
+from softsim_core.physics.dynamics.numba_backend import node_pairs  # noqa: E402
 from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402  # noqa: E402
     LANES,
     LARGE,

@@ -18,7 +18,7 @@ MATRICES = 300
 
 def compiled(matrix: Array) -> Array:
     pytest.importorskip("numba")
-    from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotations
+    from softsim_core.physics.dynamics.numba_backend import nearest_rotations
     from softsim_core.physics.linalg import LANES
 
     result = np.empty((9, LANES))

@@ -41,7 +41,7 @@ def test_the_compiled_measure_is_the_plain_one(order: int) -> None:
 
 
 def test_the_compiled_count_of_folded_cells_is_the_plain_one() -> None:
-    from softsim_core.physics.dynamics.numba_backend.cells import cell_batches, count_folded
+    from softsim_core.physics.dynamics.numba_backend import cell_batches, count_folded
 
     model, group = beam(order=2)
     rng = np.random.default_rng(2)

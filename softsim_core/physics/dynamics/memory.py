@@ -42,7 +42,7 @@ class PlainRelaxation:
 def relaxation(group: ElementGroup, compiled: bool) -> Relaxation:
     """Return the relaxation of a group, by kernels where the step is `compiled` and its law has them."""
     if compiled and len(group.cells):
-        from softsim_core.physics.dynamics.numba_backend.cells import RelaxingCells, compiled_law
+        from softsim_core.physics.dynamics.numba_backend import RelaxingCells, compiled_law
 
         if compiled_law(group.material) is not None:
             return RelaxingCells(group)

@@ -35,7 +35,7 @@ def strain_measure(group: ElementGroup, compiled: bool) -> Callable[[Array, Arra
     """
     if not compiled or not len(group.cells):
         return partial(strain_change, group)
-    from softsim_core.physics.dynamics.numba_backend.cells import cell_batches, largest_strain_change
+    from softsim_core.physics.dynamics.numba_backend import cell_batches, largest_strain_change
     from softsim_core.physics.kernels import OneSignature
 
     return partial(OneSignature(largest_strain_change), cell_batches(group))

@@ -1,26 +1,29 @@
-from . import stepper as stepper
-from .actuator_rows import (
-    PressedFaces as PressedFaces,
-    bounded_forces as bounded_forces,
-    press_faces as press_faces,
+from . import (
+    elements as elements,
+    elimination as elimination,
+    stepper as stepper,
 )
-from .compile import (
-    compiler as compiler,
-    kernel as kernel,
+from .actuator_rows import bounded_forces as bounded_forces
+from .batches import (
+    cell_batches as cell_batches,
+    count_folded as count_folded,
+    largest_strain_change as largest_strain_change,
 )
+from .cells import RelaxingCells as RelaxingCells
 from .elimination import TOLERANCE as TOLERANCE
-from .kinematics import (
-    jacobians as jacobians,
-    motion_subspace as motion_subspace,
+from .laws import (
+    compiled_law as compiled_law,
+    point_cells as point_cells,
+    tune as tune,
 )
 from .layout import (
     CellPlaces as CellPlaces,
-    Cells as Cells,
-    Elements as Elements,
-    Motion as Motion,
-    Nodes as Nodes,
-    Pairs as Pairs,
-    StepArrays as StepArrays,
-    Work as Work,
+    compiler as compiler,
+    node_pairs as node_pairs,
+)
+from .points import (
+    CellInputs as CellInputs,
+    CellOutputs as CellOutputs,
 )
 from .stepper import NumbaStepper as NumbaStepper
+from .stretches import nearest_rotations as nearest_rotations

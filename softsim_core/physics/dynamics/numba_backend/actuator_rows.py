@@ -14,13 +14,13 @@ import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.actuation.compiled import CompiledKinds, fill, measure
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.layout import (
     ActuatorRows,
     ActuatorStiffness,
     Motion,
     Nodes,
     Work,
+    kernel,
 )
 from softsim_core.physics.linalg import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE, Tree
 

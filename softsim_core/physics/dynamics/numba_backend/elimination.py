@@ -30,14 +30,8 @@ from softsim_core.physics.dynamics.numba_backend.actuator_rows import (
     hold_rows,
     report_rows,
 )
-from softsim_core.physics.dynamics.numba_backend.cells import (
-    CLAMPED,
-    FROZEN,
-    assemble_cells,
-    assemble_nodes,
-    deforming,
-)
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.cells import assemble_cells, deforming
+from softsim_core.physics.dynamics.numba_backend.elements import CLAMPED, FROZEN, assemble_nodes
 from softsim_core.physics.dynamics.numba_backend.kinematics import (
     advance_reduced,
     eliminate_reduced,
@@ -56,6 +50,7 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
     Motion,
     StepArrays,
     StepInputs,
+    kernel,
 )
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared, of_another_copy, shares_plan
 from softsim_core.physics.dynamics.numba_backend.responses import Responses, spread_rows

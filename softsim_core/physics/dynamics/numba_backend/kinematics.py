@@ -14,9 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotations, node_pairs
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.dynamics.numba_backend.layout import Kinematics, Motion, Nodes, Work
+from softsim_core.physics.dynamics.numba_backend.layout import (
+    Kinematics,
+    Motion,
+    Nodes,
+    Work,
+    kernel,
+    node_pairs,
+)
+from softsim_core.physics.dynamics.numba_backend.stretches import nearest_rotations
 from softsim_core.physics.fem import ElementGroup
 from softsim_core.physics.linalg import LANES
 from softsim_core.physics.mechanics import Model

@@ -1,19 +1,34 @@
-"""Arrays that the compiled kernels share, in a few named groups.
+"""Arrays that the compiled kernels share, in a few named groups, and the places of cells' blocks in them.
 
 b: reduced coordinates, c: actuators, e: elements of a kind, f: free nodes, j: joints, n: nodes,
 s: supernodes, z: nodes in moving rigid regions.
+
+Each cell has one block for each pair of its nodes, which are in elimination order. Blocks of free nodes are
+added to the panels at once; blocks of moving regions are stored until the regions' Jacobians are known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
-from softsim_core.physics.actuation.compiled import CompiledKinds
-from softsim_core.physics.linalg import Factor, Tree
+from softsim_core.physics.actuation.compiled import CompiledKinds, compiler as actuation_compiler
+from softsim_core.physics.kernels import Compiler
+from softsim_core.physics.linalg import (
+    Factor,
+    Plan,
+    Tree,
+    add_block,
+    compiler as linalg_compiler,
+)
 from softsim_core.physics.mechanics import no_rows
+
+compiler = Compiler(Path(__file__).parent, uses=(linalg_compiler, actuation_compiler))
+kernel = compiler.kernel
 
 
 class CellPlaces(NamedTuple):
@@ -302,3 +317,120 @@ class StepInputs(NamedTuple):
     h: float
     lag: float
     rayleigh_mass: float
+
+
+@kernel
+def add_blocks(
+    blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, pair_blocks: Array
+) -> None:
+    """Add the blocks of cell e to the panels; write them to `pair_blocks` if a node is in a moving region.
+
+    Rows of the blocks are four numbers, the fourth zero. The first row starts at number `place` of `blocks`,
+    each further one `pitch` numbers later.
+    """
+    strides, starts = places.strides, places.starts
+    a = strides.shape[1]
+    for n in range(a):
+        if strides[e, n] == 0:
+            break
+        pair = n
+        for m in range(n + 1):  # column by column, so that no row is loaded right after it was stored
+            add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
+            pair += a - m - 1
+    first = places.pair_blocks[e]
+    if first >= 0:
+        numbers = blocks.reshape(-1)
+        for k in range(starts.shape[1]):
+            for i in range(3):
+                row = place + (3 * k + i) * pitch
+                for j in range(3):
+                    pair_blocks[first + k, i, j] = numbers[row + j]
+
+
+@kernel
+def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, pair_blocks: Array) -> None:
+    """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells; the fourth number of a row is zero."""
+    for e in range(len(blocks)):
+        add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, pair_blocks)
+
+
+@kernel
+def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
+    """Add the stored blocks of moving regions to panels and reduced coordinates.
+
+    Work.jacobian must be set.
+    """
+    panels, schur, jacobian, blocks = work.factor.panels, work.factor.schur, work.jacobian, pairs.blocks
+    for p in range(len(pairs.beside)):
+        block, place, width = pairs.beside[p, 0], pairs.beside[p, 1], pairs.beside[p, 2]
+        supernode, z = pairs.beside[p, 3], pairs.beside[p, 4]
+        for q in range(nodes.size[z]):
+            at = place + nodes.reduced_column[supernode, nodes.reduced[z, q]]
+            for i in range(3):
+                total = 0.0
+                for j in range(3):
+                    total += blocks[block, i, j] * jacobian[z, q, j]
+                panels[at + i * width] += total
+    for p in range(len(pairs.regions)):
+        block, a, b = pairs.regions[p, 0], pairs.regions[p, 1], pairs.regions[p, 2]
+        for q in range(nodes.size[b]):
+            k = nodes.reduced[b, q]
+            j0, j1, j2 = jacobian[b, q, 0], jacobian[b, q, 1], jacobian[b, q, 2]
+            c0 = blocks[block, 0, 0] * j0 + blocks[block, 0, 1] * j1 + blocks[block, 0, 2] * j2
+            c1 = blocks[block, 1, 0] * j0 + blocks[block, 1, 1] * j1 + blocks[block, 1, 2] * j2
+            c2 = blocks[block, 2, 0] * j0 + blocks[block, 2, 1] * j1 + blocks[block, 2, 2] * j2
+            for r in range(nodes.size[a]):
+                m = nodes.reduced[a, r]
+                if a == b and m > k:
+                    continue
+                total = jacobian[a, r, 0] * c0 + jacobian[a, r, 1] * c1 + jacobian[a, r, 2] * c2
+                if a != b and m == k:  # the transposed block contributes, too
+                    total *= 2.0
+                schur[min(m, k), max(m, k)] += total
+
+
+def node_pairs(cells: IndexArray) -> IndexArray:
+    """Return all ordered pairs of nodes of each cell (m, a), cell by cell, shape (m a a, 2)."""
+    count = cells.shape[1]
+    first, second = np.repeat(cells, count, axis=1), np.tile(cells, (1, count))
+    return np.stack([first.ravel(), second.ravel()], axis=1)
+
+
+def elimination_order(
+    cells: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[IndexArray, IndexArray]:
+    """Return the elimination order (m,) of cells (m, a), and the order of the nodes in each, shape (m, a)."""
+    count = len(layout.position)
+    places = np.append(layout.position, count)[local]  # local is -1 if a node is not free
+    rank = (places + ((local < 0) & (nodes.region_number < 0)))[cells]
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    return order, np.argsort(rank[order], axis=1, kind="stable")
+
+
+def cell_places(
+    kinds: Sequence[IndexArray], nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[list[CellPlaces], Pairs]:
+    """Return the places of the blocks of kinds of cells (m, a) in elimination order, and the stored pairs."""
+    result, beside, regions = [], [np.zeros((0, 5), np.int64)], [np.zeros((0, 3), np.int64)]
+    height = 0
+    for cells in kinds:
+        first, second = np.triu_indices(cells.shape[1])
+        free, region = local[cells], nodes.region_number[cells]
+        supernode = np.where(free >= 0, np.append(layout.supernode, 0)[free], 0)
+        offset, width = np.append(layout.row_offset, 0)[free], np.append(layout.width, 0)[supernode]
+        both = np.nonzero((free[:, first] >= 0) & (free[:, second] >= 0))
+        one, other = (both[0], first[both[1]]), (both[0], second[both[1]])
+        starts = np.full((len(cells), len(first)), -1, np.int64)
+        starts[both] = offset[one] + layout.panel_columns(supernode[one], 3 * layout.position[free[other]])
+        touching = (region >= 0).any(axis=1)
+        pair_blocks = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)
+        height += len(first) * int(touching.sum())
+        result.append(CellPlaces(starts, np.where(free >= 0, width, 0), pair_blocks))
+        cell, pair = np.nonzero(region[:, second] >= 0)
+        block, one, z = pair_blocks[cell] + pair, (cell, first[pair]), region[cell, second[pair]]
+        mixed, inside = free[one] >= 0, region[one] >= 0
+        rows = np.stack([block, offset[one], width[one], supernode[one], z], axis=1)
+        beside.append(rows[mixed])
+        regions.append(np.stack([block, region[one], z], axis=1)[inside])
+    pairs = Pairs(np.zeros((height, 3, 3)), np.concatenate(beside), np.concatenate(regions))
+    return result, pairs

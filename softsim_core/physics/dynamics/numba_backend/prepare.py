@@ -10,12 +10,8 @@ import numpy as np
 from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.actuation import Actuators, drive_stiffness
 from softsim_core.physics.actuation.compiled import CompiledKinds, compiled_kinds
-from softsim_core.physics.dynamics.numba_backend.cells import (
-    PlannedCells,
-    allocate_aligned,
-    couplings,
-    deforming,
-)
+from softsim_core.physics.dynamics.numba_backend.batches import allocate_aligned
+from softsim_core.physics.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
 from softsim_core.physics.dynamics.numba_backend.layout import (
     Acting,
     ActuatorRows,

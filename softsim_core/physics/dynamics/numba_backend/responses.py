@@ -17,7 +17,6 @@ from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.actuation.compiled import CompiledKinds
 from softsim_core.physics.dynamics import Condensed, Unknowns
 from softsim_core.physics.dynamics.numba_backend.actuator_rows import report_impulses
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.kinematics import (
     advance_reduced,
     jacobians,
@@ -25,7 +24,7 @@ from softsim_core.physics.dynamics.numba_backend.kinematics import (
     place_regions,
     slides,
 )
-from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Motion, StepArrays
+from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Motion, StepArrays, kernel
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg import LANES, dot_product, forward_rows, forward_space, solve_backward

@@ -14,11 +14,8 @@ import numpy as np
 from softsim_core.base import Array, FactorisationError, IndexArray
 from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics import Condensed, FreeTurning, StepReport
-from softsim_core.physics.dynamics.numba_backend.cells import (
-    CLAMPED,
-    EXACT,
-    assemble_tangent,
-)
+from softsim_core.physics.dynamics.numba_backend.cells import assemble_tangent
+from softsim_core.physics.dynamics.numba_backend.elements import CLAMPED, EXACT
 from softsim_core.physics.dynamics.numba_backend.elimination import (
     DirectElimination,
     DividedElimination,

@@ -16,8 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from softsim_core.base import Array
-from softsim_core.physics.dynamics.numba_backend import kernel
-from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
+from softsim_core.physics.dynamics.numba_backend.batches import (
     Matrix,
     Triple,
     at_least,
@@ -38,13 +37,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     transposed,
     triple_at,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    DEFORMATION,
-    LAW,
-    PRESSURE,
-    STRESS,
-    TANGENT,
-)
+from softsim_core.physics.dynamics.numba_backend.layout import kernel
+from softsim_core.physics.dynamics.numba_backend.points import DEFORMATION, LAW, PRESSURE, STRESS, TANGENT
 from softsim_core.physics.linalg import bits_of, part, put, root, row, where
 
 FIRST_DIRECTIONS = LAW

@@ -8,41 +8,38 @@ from copy import copy
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend import (
+from softsim_core.physics.dynamics.numba_backend.actuator_rows import PressedFaces, press_faces
+from softsim_core.physics.dynamics.numba_backend.batches import (
+    CellBatches,
+    cell_batches,
+    count_folded,
+    in_lanes,
+)
+from softsim_core.physics.dynamics.numba_backend.elements import assemble_tetrahedra, von_mises_stress
+from softsim_core.physics.dynamics.numba_backend.kinematics import jacobians, motion_subspace
+from softsim_core.physics.dynamics.numba_backend.laws import compiled_law, own_values, point_cells, tune
+from softsim_core.physics.dynamics.numba_backend.layout import (
     CellPlaces,
     Cells,
     Elements,
     Motion,
     Nodes,
-    PressedFaces,
     StepArrays,
     Work,
-    jacobians,
-    kernel,
-    motion_subspace,
-    press_faces,
-)
-from softsim_core.physics.dynamics.numba_backend.cells.batches import (
-    CellBatches,
     add_all_blocks,
-    cell_batches,
     cell_places,
-    count_folded,
     elimination_order,
-    in_lanes,
+    kernel,
     node_pairs,
     scatter,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.elements import (
-    assemble_tetrahedra,
-    von_mises_stress,
-)
-from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
-from softsim_core.physics.dynamics.numba_backend.cells.points import CellInputs, CellOutputs, Memory, hold
-from softsim_core.physics.dynamics.numba_backend.cells.rod_cells import RodCells, fill_rods, rod_cells
-from softsim_core.physics.dynamics.numba_backend.cells.strain_cells import (
+from softsim_core.physics.dynamics.numba_backend.points import CellInputs, CellOutputs, Memory, hold
+from softsim_core.physics.dynamics.numba_backend.thin_cells import (
+    RodCells,
     StrainCells,
+    fill_rods,
     fill_strain,
+    rod_cells,
     strain_cells,
 )
 from softsim_core.physics.fem import (

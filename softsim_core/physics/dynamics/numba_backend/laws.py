@@ -25,14 +25,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend import kernel
-from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
+from softsim_core.physics.dynamics.numba_backend.batches import (
+    CellBatches,
     Triple,
+    allocate_aligned,
     at_least,
     choose,
     contraction,
     difference,
     dot,
+    in_lanes,
     matrix_at,
     minus,
     plus,
@@ -43,8 +45,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     times,
     triple_at,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, allocate_aligned, in_lanes
-from softsim_core.physics.dynamics.numba_backend.cells.points import (
+from softsim_core.physics.dynamics.numba_backend.layout import kernel
+from softsim_core.physics.dynamics.numba_backend.points import (
     DEFORMATION,
     DILATATION,
     DILATATION_RATE,
@@ -64,11 +66,11 @@ from softsim_core.physics.dynamics.numba_backend.cells.points import (
     deform,
     deformation_gradients,
     fill_given,
-    finish,
+    finish_batch,
     press,
     put_cofactors,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.stretches import (
+from softsim_core.physics.dynamics.numba_backend.stretches import (
     FIRST_DIRECTIONS,
     POWERS,
     SECOND_DIRECTIONS,
@@ -183,7 +185,7 @@ def rubber_cells(
                 put_modes(points, point, w, cells.buffers.modes)
             else:
                 put_rubber(points, point, w, moduli, place)
-        finish(batch, inputs, cells, into, memory)
+        finish_batch(batch, inputs, cells, into, memory)
 
 
 LEAST = LEAST_STRETCH**2
@@ -325,7 +327,7 @@ def power_cells(
             if inputs.positive:
                 clamp_modes(points, point)
             put_modes(points, point, w, cells.buffers.modes)
-        finish(batch, inputs, cells, into, memory)
+        finish_batch(batch, inputs, cells, into, memory)
 
 
 def corotational_moduli(law: Corotational, p: Array) -> Array:
@@ -405,7 +407,7 @@ def corotational_cells(
             point, w = POINT_ROWS * q, row(weights, count * batch + q)
             put_corotational(points, point, moduli, place, inputs.positive)
             put_modes(points, point, w, cells.buffers.modes)
-        finish(batch, inputs, cells, into, memory)
+        finish_batch(batch, inputs, cells, into, memory)
 
 
 class CompiledLaw(NamedTuple):
@@ -416,7 +418,7 @@ class CompiledLaw(NamedTuple):
             n). All are proportional to the shear response but those in `fixed`.
         size: n.
         run: Adds forces and stiffness of cells to its CellOutputs, or advances its Memory after a step; see
-            points.finish.
+            points.finish_batch.
         fixed: Columns of the moduli that have another unit.
     """
 

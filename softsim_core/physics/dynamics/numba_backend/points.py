@@ -6,8 +6,8 @@ of the shape functions, the block of nodes m and n is the sum over the points of
     w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
 
 For each batch, `deform` computes gradients, the law computes theta, `press` the pressures, the law stress and
-tangent, and `finish` forces and blocks, or the memory. The numbers of a point are in POINT_ROWS rows of one
-buffer, by the names below; stress and tangent are multiplied by the weight of the point.
+tangent, and `finish_batch` forces and blocks, or the memory. The numbers of a point are in POINT_ROWS rows of
+one buffer, by the names below; stress and tangent are multiplied by the weight of the point.
 """
 
 from __future__ import annotations
@@ -17,15 +17,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend import CellPlaces, kernel
-from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
+from softsim_core.physics.dynamics.numba_backend.batches import (
+    CellBatches,
+    allocate_aligned,
     cofactors,
     contraction,
     difference,
     dot,
+    gather_nodes,
     matrix_at,
     minus,
     plus,
+    put_gradient,
     put_matrix,
     put_triple,
     scaled,
@@ -33,13 +36,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     transposed,
     triple_at,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.batches import (
-    CellBatches,
-    add_blocks,
-    allocate_aligned,
-    gather_nodes,
-    put_gradient,
-)
+from softsim_core.physics.dynamics.numba_backend.layout import CellPlaces, add_blocks, kernel
 from softsim_core.physics.fem import FLATTEST
 from softsim_core.physics.linalg import LANES, part, put, put_quads, row
 
@@ -473,7 +470,7 @@ def remember(batch: int, cells: PointCells, memory: Memory) -> None:
 
 
 @kernel
-def finish(
+def finish_batch(
     batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs | None, memory: Memory | None
 ) -> None:
     """Add forces and stiffness of a batch, and advance its memory; None: leave that out."""

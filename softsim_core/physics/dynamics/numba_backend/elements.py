@@ -32,8 +32,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend import Elements, Nodes, Work, kernel
-from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
+from softsim_core.physics.dynamics.numba_backend.batches import (
     Matrix,
     Triple,
     at_least,
@@ -54,8 +53,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     triple_at,
     unit,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.batches import add_blocks
-from softsim_core.physics.dynamics.numba_backend.cells.stretches import nearest_rotations
+from softsim_core.physics.dynamics.numba_backend.layout import Elements, Nodes, Work, add_blocks, kernel
+from softsim_core.physics.dynamics.numba_backend.stretches import nearest_rotations
 from softsim_core.physics.fem.materials import FLAT, SMALLEST_VOLUME
 from softsim_core.physics.linalg import (
     LANES,
