@@ -13,7 +13,7 @@ import numpy as np
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend.layout import kernel
 from softsim_core.physics.fem import ElementGroup
-from softsim_core.physics.linalg import LANES, part, put, root, row, where
+from softsim_core.physics.linalg import LANES, bits_of, gather, part, put, root, row, where
 
 Triple = tuple[Any, Any, Any]
 Matrix = tuple[Triple, Triple, Triple]
@@ -198,14 +198,12 @@ def allocate_aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     return buffer[first : first + numbers].reshape(shape)
 
 
-@kernel
+@part
 def gather_nodes(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
     """Write component i of nodal values (n, 3) at node a of every lane of a batch to row 3 a + i of `out`."""
-    for a in range(nodes.shape[1]):
-        for lane in range(LANES):
-            node = nodes[batch, a, lane]
-            for i in range(3):
-                out[3 * a + i, lane] = nodal[node, i]
+    count = nodes.shape[1]
+    for a in range(count):
+        put_triple(out, 3 * a, gather(nodal, nodes, count * batch + a))
 
 
 @part
@@ -232,20 +230,17 @@ def count_folded(x: Array, cells: CellBatches) -> int:
     nodes, gradients = cells.nodes, cells.gradients
     batches, a, _ = nodes.shape
     pitch = len(gradients) // (batches * a)
-    values, f, folded = np.empty((3 * a, LANES)), np.empty((9, LANES)), np.empty(LANES, np.bool_)
+    values, deformation = np.empty((3 * a, LANES)), np.empty((9, LANES))
     result = 0
     for batch in range(batches):
         gather_nodes(x, nodes, batch, values)
-        folded[:] = False
+        folded = 0
         for q in range(0, pitch, 3):
-            put_gradient(values, gradients, batch * a * pitch + q, pitch, a, f, 0)
-            for lane in range(LANES):
-                volume = f[0, lane] * (f[4, lane] * f[8, lane] - f[5, lane] * f[7, lane])
-                volume += f[1, lane] * (f[5, lane] * f[6, lane] - f[3, lane] * f[8, lane])
-                volume += f[2, lane] * (f[3, lane] * f[7, lane] - f[4, lane] * f[6, lane])
-                folded[lane] |= volume <= 0.0
+            put_gradient(values, gradients, batch * a * pitch + q, pitch, a, deformation, 0)
+            f = matrix_at(deformation, 0)
+            folded |= bits_of(dot(f[0], cross(f[1], f[2])) <= 0.0)
         for lane in range(min(LANES, cells.size[0] - batch * LANES)):
-            result += folded[lane]
+            result += (folded >> lane) & 1
     return result
 
 
@@ -259,25 +254,21 @@ def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> fl
     batches, a, _ = nodes.shape
     pitch = len(gradients) // (batches * a)
     values, other = np.empty((3 * a, LANES)), np.empty((3 * a, LANES))
-    old, new, largest = np.empty((9, LANES)), np.empty((9, LANES)), np.zeros(LANES)
+    gradient, largest = np.empty((9, LANES)), np.zeros((1, LANES))
     for batch in range(batches):
         gather_nodes(before, nodes, batch, values)
         gather_nodes(after, nodes, batch, other)
         for q in range(0, pitch, 3):
             place = batch * a * pitch + q
-            put_gradient(values, gradients, place, pitch, a, old, 0)
-            put_gradient(other, gradients, place, pitch, a, new, 0)
-            for lane in range(LANES):
-                total = 0.0
-                for i in range(3):
-                    for j in range(i + 1):
-                        entry = 0.0
-                        for k in range(0, 9, 3):
-                            entry += new[k + i, lane] * new[k + j, lane] - old[k + i, lane] * old[k + j, lane]
-                        total += (1.0 if i == j else 2.0) * entry * entry
-                if not total <= largest[lane]:  # written so that NaN is taken over
-                    largest[lane] = total
-                    if total != total:
-                        return np.nan
+            put_gradient(values, gradients, place, pitch, a, gradient, 0)
+            u, v, w = transposed(matrix_at(gradient, 0))
+            put_gradient(other, gradients, place, pitch, a, gradient, 0)
+            x, y, z = transposed(matrix_at(gradient, 0))
+            along = (dot(x, x) - dot(u, u), dot(y, y) - dot(v, v), dot(z, z) - dot(w, w))
+            across = (dot(x, y) - dot(u, v), dot(y, z) - dot(v, w), dot(z, x) - dot(w, u))
+            total = dot(along, along) + 2.0 * dot(across, across)
+            if bits_of(~(total == total)):
+                return np.nan
+            put(largest, 0, at_least(total, row(largest, 0)))
     change: float = 0.5 * np.sqrt(largest.max())
     return change
