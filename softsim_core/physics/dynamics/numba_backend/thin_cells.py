@@ -208,6 +208,8 @@ class RodPoints(NamedTuple):
         natural: See StrainPoints, shape (m, q, k).
         stiffness: Stiffness times the lengths, shape (m, q, k, k).
         along: See StrainPoints.
+        strains, vectors, taking_part: The numbers 0, 1, ..., k, f and b of them: loops over the length of a
+            tuple are compiled for that length, which makes them twice as fast.
     """
 
     members: IndexArray
@@ -217,6 +219,9 @@ class RodPoints(NamedTuple):
     natural: Array
     stiffness: Array
     along: bool
+    strains: tuple[int, ...]
+    vectors: tuple[int, ...]
+    taking_part: tuple[int, ...]
 
 
 class RodCells(NamedTuple):
@@ -272,6 +277,7 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
         points.natural.copy(),
         np.zeros_like(points.stiffness),
         points.along,
+        *(tuple(range(size)) for size in (*points.forms.shape[:2], taking_part)),
     )
 
 
@@ -279,33 +285,34 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
 def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: int, out: Array) -> None:
     """Compute the vectors of nodal values (n, 3) at point q of cell e, shape (f, 3)."""
     maps, members = points.maps, points.members
-    for f in range(maps.shape[2]):
+    for f in range(len(points.vectors)):
         for i in range(3):
             total = 0.0
-            for n in range(members.shape[2]):
+            for n in range(len(points.taking_part)):
                 total += maps[e, q, f, n] * nodal[nodes[e, members[e, q, n]], i]
             out[f, i] = total
 
 
 @kernel
-def put_slopes(forms: Array, v: Array, out: Array) -> None:
+def put_slopes(points: RodPoints, v: Array, out: Array) -> None:
     """Compute Q_k v of all products, shape (k, f, 3)."""
-    for k in range(forms.shape[0]):
-        for f in range(forms.shape[1]):
+    forms = points.forms
+    for k in range(len(points.strains)):
+        for f in range(len(points.vectors)):
             for i in range(3):
                 out[k, f, i] = 0.0
-            for g in range(forms.shape[1]):
+            for g in range(len(points.vectors)):
                 if forms[k, f, g] != 0.0:
                     for i in range(3):
                         out[k, f, i] += forms[k, f, g] * v[g, i]
 
 
 @kernel
-def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
+def put_products(points: RodPoints, slopes: Array, v: Array, factor: float, out: Array) -> None:
     """Compute factor times v . Q_k v of all products, with the slopes of one of the two, shape (k,)."""
-    for k in range(len(out)):
+    for k in range(len(points.strains)):
         total = 0.0
-        for f in range(len(v)):
+        for f in range(len(points.vectors)):
             for i in range(3):
                 total += slopes[k, f, i] * v[f, i]
         out[k] = factor * total
@@ -317,7 +324,7 @@ def put_strains(
 ) -> None:
     """Compute the strains (k,) of products (k,) at point q of cell e, and their slopes (k, k)."""
     by_products[:] = 0.0
-    for k in range(len(products)):
+    for k in range(len(points.strains)):
         strains[k] = products[k]
         by_products[k, k] = 1.0
     if points.along:
@@ -328,24 +335,23 @@ def put_strains(
             strains[k] *= by_length
             by_products[k, k] = by_length
             by_products[k, 0] = -products[k] * by_length**3
-    for k in range(len(products)):
+    for k in range(len(points.strains)):
         strains[k] -= points.natural[e, q, k]
 
 
 @kernel
-def put_moduli(stiffness: Array, by_products: Array, along: bool, between: Array, out: Array) -> None:
+def put_moduli(points: RodPoints, stiffness: Array, by_products: Array, between: Array, out: Array) -> None:
     """Compute the moduli of products (k, k) from those of strains; `between` is overwritten."""
-    strains = len(out)
-    for k in range(strains):
-        for j in range(strains):
+    for k in range(len(points.strains)):
+        for j in range(len(points.strains)):
             between[k, j] = stiffness[k, j] * by_products[j, j]
-        if along:
+        if points.along:
             for j in BENDING:
                 between[k, 0] += stiffness[k, j] * by_products[j, 0]
-    for j in range(strains):
-        for k in range(strains):
+    for j in range(len(points.strains)):
+        for k in range(len(points.strains)):
             out[k, j] = by_products[k, k] * between[k, j]
-        if along:
+        if points.along:
             for k in BENDING:
                 out[0, j] += by_products[k, 0] * between[k, j]
 
@@ -367,7 +373,7 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
     x, moved, velocities, lag, scale = inputs.x, inputs.moved, inputs.velocities, inputs.lag, inputs.scale
     nodes, damping, blocks = cells.nodes, cells.damping, cells.blocks
     maps, members, forms = points.maps, points.members, points.forms
-    strains, vectors, taking_part = forms.shape[0], forms.shape[1], members.shape[2]
+    strains, vectors, taking_part = len(points.strains), len(points.vectors), len(points.taking_part)
     a = nodes.shape[1]
     v, dv = np.zeros((vectors, 3)), np.zeros((vectors, 3))
     slopes, turned = np.zeros((strains, vectors, 3)), np.zeros((strains, vectors, 3))
@@ -383,19 +389,19 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
     for e in range(len(nodes)):
         for q in range(maps.shape[1]):
             put_vectors(x, nodes, points, e, q, v)
-            put_slopes(forms, v, slopes)
-            put_products(slopes, v, 0.5, products)
+            put_slopes(points, v, slopes)
+            put_products(points, slopes, v, 0.5, products)
             put_strains(points, e, q, products, strain, by_products)
             if len(moved):
                 put_vectors(moved, nodes, points, e, q, dv)
-                put_slopes(forms, dv, turned)
-                put_products(turned, dv, 0.5, second)
+                put_slopes(points, dv, turned)
+                put_products(points, turned, dv, 0.5, second)
             put_vectors(velocities, nodes, points, e, q, dv)
-            put_slopes(forms, dv, turned)
-            put_products(slopes, dv, 1.0, rates)
-            for k in range(strains):
+            put_slopes(points, dv, turned)
+            put_products(points, slopes, dv, 1.0, rates)
+            for k in range(len(points.strains)):
                 resultants[k] = expected[k] = 0.0
-                for j in range(strains):
+                for j in range(len(points.strains)):
                     stiff = points.stiffness[e, q, k, j]
                     if stiff != 0.0:
                         resultants[k] += stiff * strain[j]
@@ -406,70 +412,70 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
                             expected[k] += stiff * (strain[j] - change)
                         else:
                             expected[k] += stiff * strain[j]
-            put_moduli(points.stiffness[e, q], by_products, points.along, between, moduli)
+            put_moduli(points, points.stiffness[e, q], by_products, between, moduli)
             viscous[:] = damping[e] * moduli
             if points.along and len(moved):
                 add_bent(products, expected, moduli)
-            for k in range(strains):
+            for k in range(len(points.strains)):
                 acting[k] = by_products[k, k] * resultants[k]
                 found[k] = by_products[k, k] * expected[k]
             if points.along:
                 for k in BENDING:
                     acting[0] += by_products[k, 0] * resultants[k]
                     found[0] += by_products[k, 0] * expected[k]
-            for k in range(strains):
+            for k in range(len(points.strains)):
                 if not len(moved):
                     found[k] = max(found[k], 0.0) if points.stretching[k] else 0.0
-                for j in range(strains):
+                for j in range(len(points.strains)):
                     acting[k] += (lag * moduli[k, j] + viscous[k, j]) * rates[j]
             pull[:] = 0.0
             turning[:] = 0.0
-            for k in range(strains):
-                for f in range(vectors):
+            for k in range(len(points.strains)):
+                for f in range(len(points.vectors)):
                     for i in range(3):
                         pull[f, i] += acting[k] * slopes[k, f, i] + lag * found[k] * turned[k, f, i]
-                    for g in range(vectors):
+                    for g in range(len(points.vectors)):
                         turning[f, g] += scale * found[k] * forms[k, f, g]
-            for n in range(taking_part):
+            for n in range(len(points.taking_part)):
                 node = nodes[e, members[e, q, n]]
-                for f in range(vectors):
+                for f in range(len(points.vectors)):
                     for i in range(3):
                         forces[node, i] -= maps[e, q, f, n] * pull[f, i]
             b[:] = 0.0
-            for k in range(strains):
-                for f in range(vectors):
+            for k in range(len(points.strains)):
+                for f in range(len(points.vectors)):
                     s0, s1, s2 = slopes[k, f, 0], slopes[k, f, 1], slopes[k, f, 2]
                     if s0 != 0.0 or s1 != 0.0 or s2 != 0.0:
-                        for n in range(taking_part):
+                        for n in range(len(points.taking_part)):
                             b[k, 3 * n] += maps[e, q, f, n] * s0
                             b[k, 3 * n + 1] += maps[e, q, f, n] * s1
                             b[k, 3 * n + 2] += maps[e, q, f, n] * s2
             cb[:] = 0.0
-            for k in range(strains):
-                for j in range(strains):
+            for k in range(len(points.strains)):
+                for j in range(len(points.strains)):
                     stiff = scale * moduli[k, j] + step * viscous[k, j]
                     if stiff != 0.0:
-                        for c in range(3 * taking_part):
+                        for c in range(3 * len(points.taking_part)):
                             cb[k, c] += stiff * b[j, c]
-            for f in range(vectors):
-                for n in range(taking_part):
+            for f in range(len(points.vectors)):
+                for n in range(len(points.taking_part)):
                     turned_maps[f, n] = 0.0
-                    for g in range(vectors):
+                    for g in range(len(points.vectors)):
                         turned_maps[f, n] += turning[f, g] * maps[e, q, g, n]
-            for m in range(taking_part):
+            for m in range(len(points.taking_part)):
                 row[:] = 0.0
-                for k in range(strains):
+                for k in range(len(points.strains)):
                     c0, c1, c2 = cb[k, 3 * m], cb[k, 3 * m + 1], cb[k, 3 * m + 2]
-                    for c in range(3 * m, 3 * taking_part):
+                    for c in range(3 * m, 3 * len(points.taking_part)):
                         row[0, c] += c0 * b[k, c]
                         row[1, c] += c1 * b[k, c]
                         row[2, c] += c2 * b[k, c]
                 first = members[e, q, m]
                 start = first * a - first * (first - 1) // 2 - first
-                for n in range(m, taking_part):
+                for n in range(m, len(points.taking_part)):
                     pair = start + members[e, q, n]
                     along = 0.0
-                    for f in range(vectors):
+                    for f in range(len(points.vectors)):
                         along += maps[e, q, f, m] * turned_maps[f, n]
                     for i in range(3):
                         for j in range(3):
