@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.records import align_columns
 from softsim_core import Simulation
-from softsim_core.base import Array, Contender, Sphere, install_command, take_turns
+from softsim_core.base import Array, Contender, Sphere, install_command, take_turns, version_of
 from softsim_core.scene import (
     AttachmentDescription,
     BodyDescription,
@@ -163,12 +163,10 @@ def rms_error(ends: Array, reference: Array) -> float:
 
 
 def peer_missing() -> str | None:
-    """Return why PyElastica is not measured; None if it is available."""
-    try:
-        import_module("elastica")
-    except ImportError as error:
-        return f"{PEER} is not measured: {error}; {install_command('peers')}"
-    return None
+    """Return why PyElastica is not measured; None if it is installed."""
+    if version_of("pyelastica"):
+        return None
+    return f"{PEER} is not measured: it is not installed; {install_command('peers')}"
 
 
 def measure_rods(peer: bool) -> tuple[list[Fall], list[str]]:

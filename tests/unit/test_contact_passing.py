@@ -63,10 +63,10 @@ def test_known_edges_are_looked_at_wherever_they_are() -> None:
     for name in ("key", "pair", "distance", "normal", "a", "b", "a_weights", "b_weights"):
         np.testing.assert_allclose(getattr(again, name), getattr(edges, name), atol=1e-12)
     beyond = np.concatenate([TENT, np.add(roof(0.001), (0.014, 0.0, 0.002))])  # past the end of the first one
-    aside = detector.again(edges.key, beyond)
-    np.testing.assert_allclose(aside.distance, [0.005])
-    np.testing.assert_allclose(aside.normal, [[-0.8, 0.0, -0.6]], atol=1e-12)
-    np.testing.assert_allclose(aside.a_weights, [[0.0, 1.0, 0.0]], atol=1e-12)
+    beside = detector.again(edges.key, beyond)
+    np.testing.assert_allclose(beside.distance, [0.005])
+    np.testing.assert_allclose(beside.normal, [[-0.8, 0.0, -0.6]], atol=1e-12)
+    np.testing.assert_allclose(beside.a_weights, [[0.0, 1.0, 0.0]], atol=1e-12)
     crossed = np.concatenate([TENT, roof(-0.001)])
     assert len(detector.again(edges.key, crossed).key) == 0
 
@@ -83,15 +83,15 @@ def test_known_spheres_are_looked_at_in_front_of_what_they_met() -> None:
     assert len(again.key) == 1
     for name in ("key", "pair", "distance", "normal", "seeker"):
         np.testing.assert_allclose(getattr(again, name), getattr(met, name), atol=1e-12)
-    aside = at(0.005, 0.002, 0.001)  # in front of a face
-    assert detector.detect(aside, 0.004).key != met.key
-    again = detector.again(met.key, aside)
+    beside = at(0.005, 0.002, 0.001)  # in front of a face
+    assert detector.detect(beside, 0.004).key != met.key
+    again = detector.again(met.key, beside)
     np.testing.assert_allclose(again.distance, [np.hypot(0.002, 0.001) - 0.0005])
     np.testing.assert_allclose(again.normal, [np.array([0.0, -2.0, -1.0]) / np.sqrt(5.0)], atol=1e-12)
-    ends = again.a_weights[0] @ aside[again.a[0]]
+    ends = again.a_weights[0] @ beside[again.a[0]]
     np.testing.assert_allclose(ends, [0.005, 0.0, 0.0], atol=1e-12)
-    face = detector.detect(aside, 0.004)
-    np.testing.assert_allclose(detector.again(face.key, aside).distance, face.distance)
+    face = detector.detect(beside, 0.004)
+    np.testing.assert_allclose(detector.again(face.key, beside).distance, face.distance)
     for other in (at(0.011, 0.0, 0.001), at(0.002, 0.0, -0.001)):  # past the end, behind
         assert len(detector.again(met.key, other).key) == 0
     assert len(detector.again(met.key, above, edges_only=True).key) == 0
