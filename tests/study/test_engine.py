@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from study_files import written
+from study_processes import until, workers
 
 from softsim_core.base import StudyError
 from softsim_core.lab.study import (
@@ -84,6 +85,25 @@ def test_workers_that_join_later_get_tasks(tmp_path: Path, monkeypatch: pytest.M
     assert sorted(numbers) == list(range(100))
     assert max(cluster.most) == 12 * AHEAD
     assert cluster.most[0] <= AHEAD + 12 * AHEAD
+
+
+@pytest.mark.slow
+def test_results_that_die_with_their_worker_are_made_again(tmp_path: Path) -> None:
+    """The scheduler says that finished results are lost, before they are fetched."""
+    pytest.importorskip("distributed")
+    prepared = prepare_study(written(tmp_path, duration=None))
+    tasks = [(number, (float(number),)) for number in range(AHEAD)]
+    with engine(Where()) as running:
+        futures, outcomes = running._client.futures, running.run(prepared.work, tasks, {})
+        ended = [next(outcomes)]
+
+        until(lambda: all(each.status == "finished" for each in list(futures.values())))
+        os.kill(workers(os.getpid())[0], signal.SIGKILL)
+        until(lambda: any(each.status == "lost" for each in list(futures.values())))
+        ended += outcomes
+    assert [(number, outcome.status) for number, _, outcome in sorted(ended)] == [
+        (number, DONE) for number, _ in tasks
+    ]
 
 
 @pytest.mark.parametrize(

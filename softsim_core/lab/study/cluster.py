@@ -204,7 +204,9 @@ class Engine:
                     return None
                 raise self._gone() from error
             return outcomes
-        if future.status in ("cancelled", "lost"):
+        if future.status == "lost":  # the same, and the scheduler has noticed it first
+            return None
+        if future.status == "cancelled":
             raise self._gone()
         raised = future.exception()
         if type(raised).__name__ == "KilledWorker":
