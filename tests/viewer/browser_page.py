@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+import warnings
 from contextlib import suppress
 from typing import Any
 
@@ -17,6 +18,12 @@ SENT = "() => new Promise(done => setTimeout(done, 60))"
 
 DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 """The page has taken what came before, and places nodes of the scene where they are now."""
+
+FRAMES_COME = """limit => Promise.race([
+    new Promise(done => requestAnimationFrame(() => done(true))),
+    new Promise(done => setTimeout(() => done(false), limit)),
+])"""
+"""Whether the browser draws another frame of the page within so many milliseconds."""
 
 STILL = 5
 """So many times in a row the same place, with pictures in between, is one where something stays."""
@@ -52,15 +59,35 @@ class BrowserPage:
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.connection: list[str] = []  # when it was there and gone, and why
+        self.address, self.awaited, self.chosen = address, "", ""
         self.context = browser.new_context(viewport={"width": width, "height": height})
         if not draws:
             self.context.add_init_script(NOTHING_IS_DRAWN)
+        self._open()
+
+    def _open(self) -> None:
         self.page = self.context.new_page()
         self.page.set_default_timeout(WAIT_MS)
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda message: self._note(message.text))
-        self.page.goto(address)
+        self.page.goto(self.address)
+
+    def reopened(self) -> bool:
+        """Open the page anew, at the tab chosen last, if Chromium draws no more frames; whether it did.
+
+        On a busy machine it sometimes stops for good. Scripts run on, so it is not the page's doing, but the
+        page takes messages of the scene only with a frame.
+        """
+        if self.page.evaluate(FRAMES_COME, WAIT_MS / 2):
+            return False
+        warnings.warn("Chromium has stopped drawing the page; it is opened anew", stacklevel=2)
+        self.page.close()
+        self._open()
+        self.wait_for_node(self.awaited)
+        if self.chosen:
+            self.tab(self.chosen)
+        return True
 
     def _note(self, line: str) -> None:
         if re.match("Connect|Disconnected", line):
@@ -68,6 +95,7 @@ class BrowserPage:
 
     def wait_for_node(self, name: str) -> None:
         """Wait until a node of the 3-D scene is there."""
+        self.awaited = name
         self.page.wait_for_function(f"window.__viserMutable?.nodeRefFromName?.['{name}']", timeout=WAIT_MS)
 
     def wait_until_gone(self, name: str) -> None:
@@ -96,12 +124,20 @@ class BrowserPage:
             tab.press("Enter")
             with suppress(NotInTime):
                 chosen.wait_for(timeout=limit_ms)
+                self.chosen = name
                 return
         focus = self.page.evaluate("document.activeElement?.outerHTML.slice(0, 200)")
         raise AssertionError(f"tab {name} is not chosen; focus: {focus}; connection: {self.connection}")
 
     def click(self, name: str) -> None:
-        self.page.get_by_role("button", name=name, exact=True).click()
+        from playwright.sync_api import TimeoutError as NotInTime
+
+        try:
+            self.page.get_by_role("button", name=name, exact=True).click()
+        except NotInTime:
+            if not self.reopened():
+                raise
+            self.page.get_by_role("button", name=name, exact=True).click()
         self.page.evaluate(SENT)
 
     def tick(self, name: str) -> None:

@@ -134,3 +134,10 @@ def driven(station: tuple[Any, str], browser: Any, spin_until: Callable[..., boo
     assert result.shows("running")
     yield result
     page.close()
+
+
+@pytest.fixture(autouse=True)
+def _frames_come(request: pytest.FixtureRequest) -> None:
+    """Before each test of the Tripod's page: a page whose frames have stopped is opened anew."""
+    if "driven" in request.fixturenames:
+        request.getfixturevalue("driven").page.reopened()
