@@ -3,7 +3,8 @@
 The length L is the sum of the straight segments. The coordinate s = L0 - L, the cable displacement, is the
 shortening relative to the rest length. Its row is H = ds/dx = -dL/dx: at each point the unit vectors towards
 both neighbours, so that one tension acts in all segments. A pull-only cable enforces s >= the commanded
-displacement, with a tension >= 0 that is zero where the cable is slack.
+displacement, with a tension >= 0 that is zero where the cable is slack. A cable that stretches by c per
+tension t, from its pretension t0, enforces s + c (t - t0) in place of s.
 """
 
 from __future__ import annotations
@@ -168,6 +169,8 @@ class Cables:
         rest_length: Lengths in [m] at displacement 0, shape (c,).
         lower, upper: Bounds of the tensions in [N], shape (c,).
         by_force: Whether the command is a tension in [N] instead of a displacement in [m], shape (c,).
+        compliance: Stretch per tension in [m/N], shape (c,).
+        stretch: Stretch by the pretension in [m], shape (c,).
         layout: Constant part of their rows.
         any_by_force: Whether any cable is commanded by a tension.
     """
@@ -182,6 +185,8 @@ class Cables:
     lower: Array
     upper: Array
     by_force: BoolArray
+    compliance: Array
+    stretch: Array
     layout: RowLayout
     any_by_force: bool = field(init=False)
 
@@ -205,13 +210,16 @@ class Cables:
         return np.where(self.by_force, clamped, self.lower), np.where(self.by_force, clamped, self.upper)
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """Return the transmissions of all cables: no compliance, bounds from the commands, unit gain."""
-        size = len(commands)
-        return Transmissions(commands, np.zeros(size), *self.bounds(commands), np.ones(size))
+        """Return the transmissions of all cables: bounds from the commands, unit gain."""
+        shortened = commands + self.stretch
+        return Transmissions(
+            shortened, self.compliance.copy(), *self.bounds(commands), np.ones(len(commands))
+        )
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
         """Return the commands at rest: multipliers in force control, else coordinates, shape (c,)."""
-        return np.where(self.by_force, multipliers, values)
+        shortened = values + self.compliance * multipliers - self.stretch
+        return np.where(self.by_force, multipliers, shortened)
 
     def keeping(self) -> list[tuple[int, Actuator]]:
         """Return an empty list: cables have no internal state."""
@@ -427,6 +435,8 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
         lower=np.array([0.0 if each.pull_only else -np.inf for each in descriptions]),
         upper=np.array([each.max_tension or np.inf for each in descriptions]),
         by_force=np.array([each.control == "force" for each in descriptions], dtype=np.bool_),
+        compliance=np.array([each.compliance for each in descriptions], dtype=float),
+        stretch=np.zeros(len(descriptions)),
         layout=row_layout(model, ends, carried, pull),
     )
     lengths = result.lengths(result.points(model, start))
@@ -436,6 +446,8 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
         )
     defined = ~np.isnan(result.rest_length)
     result.rest_length[~defined] = lengths[~defined]
+    result.compliance[:] += result.rest_length / [each.axial_stiffness or np.inf for each in descriptions]
+    result.stretch[:] = result.compliance * [each.pretension for each in descriptions]
     return result
 
 

@@ -25,6 +25,7 @@ from softsim_core.base import (
     Vector,
     listing,
     need_finite,
+    need_not_negative,
     need_positive,
 )
 from softsim_core.physics.actuation import ActuatorDescription, EditedNumber, Route
@@ -88,7 +89,9 @@ class CableDescription(ActuatorDescription):
 
     Its coordinate is the cable displacement: the shortening relative to its rest length, in [m]. Commands are
     displacements or tensions, see `control`. The joint's position is the actual displacement, which differs
-    from the command where the cable is slack or at its largest tension.
+    from the command where the cable is slack, at its largest tension, or stretched: with the compliance
+    c = compliance + rest length / axial_stiffness, a taut cable has the tension
+    pretension + (command - displacement) / c.
 
     Attributes:
         body: Name of the deformable body that carries the points.
@@ -104,6 +107,11 @@ class CableDescription(ActuatorDescription):
         pull_only: Whether the cable can go slack; False makes it a rod that can push, for comparison.
         max_tension: Largest tension in [N], > 0; None: not limited.
         rest_length: Length in [m] at displacement 0; None: the length at the start of the scene.
+        axial_stiffness: EA of the cable in [N]: force per strain of its rest length; None: this length does
+            not stretch.
+        compliance: Stretch in [m/N] that does not depend on the rest length, such as that of the cable
+            between the pull point and the winch, or of a spring, >= 0.
+        pretension: Tension in [N] at displacement 0 under the command 0, >= 0; only of cables that stretch.
     """
 
     kind: ClassVar[str] = "cable"
@@ -117,6 +125,9 @@ class CableDescription(ActuatorDescription):
     pull_only: bool = True
     max_tension: float | None = None
     rest_length: float | None = None
+    axial_stiffness: float | None = None
+    compliance: float = 0.0
+    pretension: float = 0.0
 
     def __post_init__(self) -> None:
         if self.group is not None:
@@ -134,10 +145,20 @@ class CableDescription(ActuatorDescription):
             need_finite("cable", "pull_point", self.pull_point)
         if self.pull_on is not None and self.pull_point is None:
             raise SceneError("cable: pull_on needs a pull_point; give one or remove pull_on")
-        for name, unit in (("max_tension", "N"), ("rest_length", "m")):
+        for name, unit in (("max_tension", "N"), ("rest_length", "m"), ("axial_stiffness", "N")):
             value = getattr(self, name)
             if value is not None:
                 need_positive("cable", name, value, unit)
+        need_not_negative("cable", "compliance", self.compliance, "m/N")
+        need_not_negative("cable", "pretension", self.pretension, "N")
+        if self.pretension > 0.0 and self.axial_stiffness is None and self.compliance == 0.0:
+            raise SceneError(
+                "cable: pretension needs a cable that stretches; give axial_stiffness or compliance"
+            )
+        if self.max_tension is not None and self.pretension > self.max_tension:
+            raise FieldError(
+                "cable", "pretension", self.pretension, f"at most max_tension, {self.max_tension:g} N"
+            )
 
     @property
     def by_effort(self) -> bool:
