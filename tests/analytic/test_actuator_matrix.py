@@ -13,7 +13,7 @@ from cable_scenes import bent_bar, cable_joint
 from softsim_core import Simulation, load_scene
 from softsim_core.base import Array, Backend, Placement
 from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kinds
-from softsim_core.physics.dynamics import Unknowns, rows_on_unknowns, static_tangent
+from softsim_core.physics.dynamics import Unknowns, jacobian, rows_on_unknowns, static_tangent
 from softsim_core.physics.mechanics import JointLimits, State, rotation_exp
 from softsim_core.scene import JointDescription, SceneDescription
 
@@ -115,7 +115,7 @@ def test_rows_are_the_derivatives_of_the_coordinate(kind: str) -> None:
     simulation = Simulation(CASES[kind][0](), "scipy")
     model, at, actuators = simulation.model, Unknowns(simulation.model), of_kind(kind, simulation)
     state = bent(simulation, rng)
-    rows = rows_on_unknowns(model, at, state, actuators.rows(model, state)).on_unknowns
+    rows = rows_on_unknowns(model, at, jacobian(model, at, state), actuators.rows(model, state)).on_unknowns
     for _ in range(5):
         step = 1e-6 * rng.normal(size=at.size)
         ahead, behind = (
@@ -133,16 +133,19 @@ def test_geometric_stiffness_is_how_the_forces_turn(kind: str) -> None:
 
     def forces(where: State) -> Array:
         return np.asarray(
-            rows_on_unknowns(model, at, where, actuators.rows(model, where)).on_unknowns.T @ multipliers
+            rows_on_unknowns(
+                model, at, jacobian(model, at, where), actuators.rows(model, where)
+            ).on_unknowns.T
+            @ multipliers
         )
 
-    rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
+    rows = rows_on_unknowns(model, at, jacobian(model, at, state), actuators.rows(model, state))
     on_nodes = (rows.on_nodes.T @ multipliers).reshape(-1, 3)
     none = 0.0 * rows.on_nodes.T @ rows.on_nodes
-    stiffness = static_tangent(model, at, state, on_nodes, none).toarray()
+    stiffness = static_tangent(model, at, state, on_nodes, none, jacobian(model, at, state)).toarray()
     stiffness[at.joints, at.joints] -= at.drive
     geometric = actuators.geometric_stiffness(model, state, multipliers)
-    across = rows_on_unknowns(model, at, state, geometric.rows).on_unknowns.toarray()
+    across = rows_on_unknowns(model, at, jacobian(model, at, state), geometric.rows).on_unknowns.toarray()
     stiffness += across.T @ (geometric.weight[:, None] * across)
     for _ in range(5):
         way = rng.normal(size=at.size)

@@ -15,7 +15,15 @@ from softsim_core.base import Backend, FieldError, Placement, SceneError
 from softsim_core.control.inverse import analytic_sensitivity, sampled_sensitivity
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene import JointDescription, SceneDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
 
 BAR = 1e5 * 0.012**2 / 0.1
 """Stiffness of the bar in [N/m]: E A / L."""
@@ -144,3 +152,48 @@ def test_wrong_numbers_are_refused() -> None:
         pull("c", pretension=1.0)
     with pytest.raises(FieldError, match="at most max_tension, 2 N"):
         pull("c", compliance=0.001, pretension=3.0, max_tension=2.0)
+
+
+def arm() -> SceneDescription:
+    """A thin rod of steel, 0.18 m long, that three cables bend up to its middle and three up to its tip."""
+    centreline = tuple((0.0, 0.0, 0.006 * k) for k in range(31))
+    rod = RodDescription(
+        centreline=centreline,
+        section=RodSectionDescription(shape="ellipse", size=(0.001, 0.001)),
+        first_axis=(1.0, 0.0, 0.0),
+        elements=30,
+    )
+    steel = MaterialDescription(law="rod", young_modulus=50e9, poisson_ratio=0.3)
+    joints = []
+    for k in range(6):
+        x, y = 0.0045 * np.cos(2.1 * k), 0.0045 * np.sin(2.1 * k)
+        points = tuple((x, y, 0.0105 * i) for i in range(1, 9 if k < 3 else 17))
+        joints.append(
+            cable_joint(
+                f"c{k}", body="rod", points=points, pull_point=(x, y, 0.0), axial_stiffness=800.0,
+                limits=JointLimits(lower=-0.02, upper=0.02),
+            )
+        )  # fmt: skip
+    ends = (("base", "world", "start"), ("tip", "free", "end"))
+    return scene(
+        BodyDescription(name="rod", rod=rod, material=steel, density=7800.0),
+        joints=tuple(joints),
+        attachments=tuple(
+            AttachmentDescription(name=name, body="rod", to=to, end=end)  # type: ignore[arg-type]
+            for name, to, end in ends
+        ),
+        effector="tip",
+        gravity=(0.0, 0.0, 0.0),
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_thin_rod_follows_its_cables_in_few_iterations(seed: int) -> None:
+    """Its axial stiffness is a million times that of bending; the others of its cables are slack or taut."""
+    rng, sim, command = np.random.default_rng(seed), Simulation(arm()), np.full(6, -0.002)
+    iterations = []
+    for _ in range(24):
+        command = np.clip(command + rng.normal(scale=7e-4, size=6), -0.004, 0.003)
+        iterations.append(sim.settle(command).iterations)
+    assert (sim.joint_efforts >= 0.0).all()
+    assert max(iterations) <= 8

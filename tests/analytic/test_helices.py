@@ -74,9 +74,9 @@ def centres(solution: StaticSolution) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("young_modulus", "pulled", "most"), [(5e5, 0.0, 200), (2e7, 1.0, 150)])
+@pytest.mark.parametrize(("young_modulus", "pulled", "most"), [(5e5, 0.0, 120), (2e7, 1.0, 120)])
 def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: float, most: int) -> None:
-    """To four times its length and more, 162 and 119; in parts of the load alone they were 866 and 852."""
+    """To four times its length and more, 92 and 91; in parts of the load alone they were 866 and 852."""
     spring = drawn(young_modulus, pulled)
     found = spring.equilibrium()
     height = -centres(found)[-1, 2]
@@ -86,9 +86,9 @@ def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("turns", "most"), [(1, 200), (3, 150)])
+@pytest.mark.parametrize(("turns", "most"), [(1, 160), (3, 150)])
 def test_a_wound_tendon_coils_a_rod_in_few_iterations(turns: int, most: int) -> None:
-    """Pulled by a quarter of the rod's length, 165 and 119; in parts alone they were 237 and 187."""
+    """Pulled by a quarter of the rod's length, 131 and 119; in parts alone they were 237 and 187."""
     rod = wound(turns)
     found = rod.equilibrium([0.05])
     assert found.state.joint_positions[0] == pytest.approx(0.05, abs=1e-9)

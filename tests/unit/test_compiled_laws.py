@@ -9,6 +9,7 @@ from small_scenes import jittered
 from softsim_core.base import Array
 from softsim_core.physics.fem import (
     ElementGroup,
+    LinearMove,
     cell_forces,
     cell_stiffness,
     element_group,
@@ -104,7 +105,8 @@ def assert_alike(
     """Blocks and forces of the compiled cells are those of fem.cells."""
     velocities = 0.3 * np.random.default_rng(8).normal(size=x.shape)
     forces, blocks = filled(group, p, x, velocities, moved, positive, mean_share)
-    expected = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
+    last = None if moved is None else LinearMove(x - moved, moved)
+    expected = cell_stiffness(group, x, p, positive, last=last, mean_share=mean_share)
     np.testing.assert_allclose(blocks, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
     of_cells = cell_forces(group, x, p) - 0.01 * np.einsum(
         "mabij,mbj->mai", expected, velocities[group.cells]

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from softsim_core.base import Array, BoolArray
 from softsim_core.physics.actuation import Actuators, GeometricStiffness
-from softsim_core.physics.dynamics.assembly import Unknowns, jacobian
+from softsim_core.physics.dynamics.assembly import Unknowns
 from softsim_core.physics.dynamics.stepper import Condensed, Stepper
 from softsim_core.physics.linalg import Factors, solve_bounded
 from softsim_core.physics.mechanics import (
@@ -24,6 +24,7 @@ from softsim_core.physics.mechanics import (
     Rows,
     State,
     Transmissions,
+    distribute,
     join_rows,
     no_rows,
     sparse_rows,
@@ -45,13 +46,13 @@ class RowsOnUnknowns:
     on_unknowns: sp.csr_matrix
 
 
-def rows_on_unknowns(model: Model, at: Unknowns, state: State, rows: Rows) -> RowsOnUnknowns:
-    """Return constraint rows as sparse matrices."""
+def rows_on_unknowns(model: Model, at: Unknowns, mapping: sp.csr_matrix, rows: Rows) -> RowsOnUnknowns:
+    """Return constraint rows as sparse matrices; `mapping` is the `jacobian`."""
     on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
     tail = sp.csr_matrix(
         (on_reduced.data, on_reduced.indices + at.first_reduced, on_reduced.indptr), (rows.height, at.size)
     )
-    return RowsOnUnknowns(on_nodes, on_reduced, on_nodes @ jacobian(model, at, state) + tail)
+    return RowsOnUnknowns(on_nodes, on_reduced, on_nodes @ mapping + tail)
 
 
 def on_nodes(model: Model, geometric: GeometricStiffness) -> sp.csr_matrix:
@@ -114,8 +115,7 @@ def condense_tangent(
         return stepper.static_tangent(state, parameters, forces).condense(rows)
     multipliers = state.joint_efforts[actuators.joint]
     pulling = actuators.rows(model, state)
-    spread, _ = sparse_rows(pulling, len(model.rest), model.reduced_size)
-    loads = forces + (spread.T @ multipliers).reshape(-1, 3)
+    loads = forces + distribute(pulling, multipliers, len(model.rest), model.reduced_size)[0]
     pressed = actuators.surface_stiffness(state, multipliers)
     tangent = stepper.static_tangent(state, parameters, loads, pressed)
     within = bool(pressed) and tangent.positive  # else, as past a balloon's maximum, add them as rows

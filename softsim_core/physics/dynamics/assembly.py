@@ -9,7 +9,13 @@ import scipy.sparse as sp
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.actuation import drive_stiffness
-from softsim_core.physics.fem import BlockPattern, elastic_forces, step_stress_stiffness, stiffness_matrix
+from softsim_core.physics.fem import (
+    BlockPattern,
+    LinearMove,
+    elastic_forces,
+    step_stress_stiffness,
+    stiffness_matrix,
+)
 from softsim_core.physics.fem.materials import DAMPING
 from softsim_core.physics.fem.rods import RodGroup, rod_drag, rod_viscosity
 from softsim_core.physics.mechanics import (
@@ -93,18 +99,18 @@ def node_stiffness(
     parameters: Parameters,
     positive: bool = False,
     distant: bool = False,
-    moved: Array | None = None,
+    last: LinearMove | None = None,
     mean_share: float = 1.0,
     pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
     """Return the stiffness of cells and soft fixings in [N/m], sparse, shape (3 n, 3 n).
 
     It is the exact derivative -df/dx; or `positive` semidefinite for a time step, see
-    Material.positive_tangent; or `distant`, for statics far from an equilibrium. For `moved` and `mean_share`
+    Material.positive_tangent; or `distant`, for statics far from an equilibrium. For `last` and `mean_share`
     see fem.cells.cell_stiffness; for `pattern` see stiffness_matrix.
     """
     cells = stiffness_matrix(
-        model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share, pattern
+        model.groups, state.positions, parameters.materials, positive, distant, last, mean_share, pattern
     )
     return cells + diagonal_matrix(np.repeat(model.spring, 3))
 
@@ -172,7 +178,7 @@ def step_stress_matrix(model: Model, state: State) -> sp.csr_matrix | None:
 
 
 def static_tangent(
-    model: Model, at: Unknowns, state: State, forces: Array, stiffness: sp.csr_matrix
+    model: Model, at: Unknowns, state: State, forces: Array, stiffness: sp.csr_matrix, mapping: sp.csr_matrix
 ) -> sp.csr_matrix:
     """Return J^T K J - (dJ^T/dq) f + drive springs on all unknowns, sparse, shape (d, d).
 
@@ -182,16 +188,18 @@ def static_tangent(
         state: State at which the tangent is taken.
         forces: Forces on the nodes there in [N], see `static_forces`.
         stiffness: See `node_stiffness`.
+        mapping: J there, see `jacobian`.
     """
-    mapping, motion_subspace = jacobian(model, at, state), model.motion_subspace(state)
+    motion_subspace = model.motion_subspace(state)
     reduced = np.zeros((model.reduced_size, model.reduced_size))
     for region in model.regions:
         reduced[np.ix_(region.reduced, region.reduced)] -= turned_work(
             motion_subspace, region, state.positions[region.nodes], forces[region.nodes]
         )
     reduced[range(-len(at.drive), 0), range(-len(at.drive), 0)] += at.drive
-    empty = sp.csr_matrix((at.first_reduced, at.first_reduced))
-    return (mapping.T @ stiffness @ mapping + sp.block_diag((empty, reduced))).tocsr()
+    rows, columns = np.indices(reduced.shape).reshape(2, -1) + at.first_reduced
+    turning = sp.csr_matrix((reduced.ravel(), (rows, columns)), shape=(at.size, at.size))
+    return (mapping.T @ stiffness @ mapping + turning).tocsr()
 
 
 def turned_work(motion: MotionSubspace, region: RigidRegion, points: Array, forces: Array) -> Array:

@@ -60,7 +60,7 @@ from softsim_core.physics.dynamics.assembly import top_speed, viscosity_matrix, 
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.schemes import ImplicitEuler, Scheme
 from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper
-from softsim_core.physics.fem import cell_forces, cell_stiffness, mean_volume_answer
+from softsim_core.physics.fem import LinearMove, cell_forces, cell_stiffness, mean_volume_answer
 from softsim_core.physics.fem.materials import StrainMaterial
 from softsim_core.physics.mechanics import (
     FREE,
@@ -328,11 +328,12 @@ class Newton:
         The step subtracts K v again; f(x) rotates with the bodies.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
-        begun = at - self._model.dt * straining
+        begun, moved = at - self._model.dt * straining, self.reached.extra[MOVED]
+        last = LinearMove(at - moved, moved)
         for group in self._model.groups:
             if isinstance(group.material, StrainMaterial):
                 p = group.values(parameters.materials)
-                stiffness = cell_stiffness(group, at, p, positive=True, moved=self.reached.extra[MOVED])
+                stiffness = cell_stiffness(group, at, p, positive=True, last=last)
                 answer = np.einsum("mabij,mbj->mai", stiffness, straining[group.cells])
                 answer += (cell_forces(group, at, p) - cell_forces(group, begun, p)) / self._model.dt
                 np.add.at(result, group.cells, answer)

@@ -27,7 +27,7 @@ from softsim_core.physics.dynamics.assembly import (
 from softsim_core.physics.dynamics.iterations import FreeTurning
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem import BlockPattern, inverted_cells, von_mises_stress
+from softsim_core.physics.fem import BlockPattern, LinearMove, inverted_cells, von_mises_stress
 from softsim_core.physics.linalg import Factoriser, Factors, LinearSolver, choose_linear_solver, solve_bounded
 from softsim_core.physics.mechanics import (
     MOVED,
@@ -167,7 +167,7 @@ class ScipyStepper:
     ) -> ScipyStaticTangent:
         """Return the static tangent at a state under node forces (n, 3) in [N]."""
         stiffness = node_stiffness(
-            self.model, state, parameters, moved=state.extra.get(MOVED), pattern=self._pattern
+            self.model, state, parameters, last=_move(state, state.extra.get(MOVED)), pattern=self._pattern
         )
         if pressed:
             stiffness = stiffness + self._of_surfaces(pressed)
@@ -196,7 +196,8 @@ class ScipyStepper:
             state: See Stepper.
             control: See Stepper.
             parameters: See Stepper.
-            moved: See fem.cells.cell_stiffness; with it, the matrix includes the stiffness of taut actuators.
+            moved: Displacement by the last step in [m], (n, 3), see fem.cells.LinearMove; with it, the matrix
+                includes the stiffness of taut actuators.
             pressed: Stiffness of the actuators' surfaces, see ActuatorGroup.surface_stiffness; empty: left
                 out.
 
@@ -207,7 +208,13 @@ class ScipyStepper:
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
         stiffness = node_stiffness(
-            model, state, parameters, True, moved=moved, mean_share=h / lag, pattern=self._pattern
+            model,
+            state,
+            parameters,
+            True,
+            last=_move(state, moved),
+            mean_share=h / lag,
+            pattern=self._pattern,
         )
         if pressed:
             stiffness = stiffness + self._of_surfaces(pressed)
@@ -241,12 +248,17 @@ class ScipyStepper:
             geometric = self.actuators.geometric_stiffness(
                 model, state, state.joint_efforts[self.actuators.joint], without_surfaces=True
             )
-            rows = rows_on_unknowns(model, at, state, geometric.rows)
+            rows = rows_on_unknowns(model, at, mapping, geometric.rows)
             weight = h * lag * np.maximum(geometric.weight, 0.0)
             rates = rows.on_nodes @ straining.ravel() + rows.on_reduced @ state.reduced_velocities
             rhs -= rows.on_unknowns.T @ (weight * rates)
             matrix = matrix + rows.on_unknowns.T @ diagonal_matrix(weight) @ rows.on_unknowns
         return matrix.tocsc(), rhs, mapping
+
+
+def _move(state: State, moved: Array | None) -> LinearMove | None:
+    """Return the displacement (n, 3) that led to a state as a linear move; None: there is none."""
+    return None if moved is None else LinearMove(state.positions - moved, moved)
 
 
 class _SolvedStep:
@@ -353,7 +365,7 @@ class ScipyStaticTangent:
     ) -> None:
         self._model, self._at = model, at
         self._mapping = jacobian(model, at, state)
-        tangent = static_tangent(model, at, state, loads, stiffness).tocsc()
+        tangent = static_tangent(model, at, state, loads, stiffness, self._mapping).tocsc()
         free, reduced = slice(0, at.first_reduced), slice(at.first_reduced, at.size)
         self._stiffness = tangent[reduced, reduced].toarray()
         self._follow = np.zeros((at.first_reduced, model.reduced_size))

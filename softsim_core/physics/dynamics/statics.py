@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,16 +42,27 @@ from softsim_core.physics.actuation import Actuators, GeometricStiffness, drive_
 from softsim_core.physics.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
 from softsim_core.physics.dynamics.assembly import (
     Unknowns,
+    diagonal_matrix,
     generalised_forces,
+    jacobian,
     node_stiffness,
     static_forces,
     static_tangent,
 )
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem import element_group, inverted_cells
+from softsim_core.physics.fem import LinearMove, element_group, inverted_cells
 from softsim_core.physics.fem.materials import RotatedHooke, StrainMaterial, material, rest_stiffness
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
-from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegion, State, nearest_rotation
+from softsim_core.physics.mechanics import (
+    Control,
+    Model,
+    Parameters,
+    RigidRegion,
+    State,
+    distribute,
+    join_rows,
+    nearest_rotation,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +142,21 @@ LESS, MORE = 0.2, 8.0
 
 SINGULAR = "the tangent is singular (is every body attached?)"
 NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
+
+
+class LinearEnd(NamedTuple):
+    """End of a step as its linear solve sees it.
+
+    Stiff and thin cells have a large stress at the true end, where the step rotates them. The geometric
+    stiffness there is that of the stress at this end instead.
+
+    Attributes:
+        move: Displacement of the nodes.
+        forces: Static forces on the nodes in [N], shape (n, 3).
+    """
+
+    move: LinearMove
+    forces: Array
 
 
 class StaticProblem:
@@ -264,11 +290,11 @@ class StaticProblem:
         state = self._predict_state(before, goal) if first is None else first
         distant = way == "distant"
         sizes: list[float] = []
-        moved: Array | None = None
+        end: LinearEnd | None = None
         for _ in range(WAYS[way]):
-            residual, forces = self._residual(state, goal)
-            stiffness = node_stiffness(self.model, state, self.parameters, distant=distant, moved=moved)
-            factors = self._factors(state, forces, goal, stiffness)
+            residual, pulls, forces = self._residual(state, goal)
+            stiffness = self._stiffness(state, end, distant)
+            factors = self._factors(state, pulls + (forces if end is None else end.forces), goal, stiffness)
             step = self._solve(factors, residual, state)
             sizes.append(self._size(step))
             if not sizes[-1] < np.inf:
@@ -277,11 +303,12 @@ class StaticProblem:
                 self._accept(state, before, factors, goal, residual)
                 self._move(state, step)
                 return state
-            started = state.positions.copy()
+            started = _copy(self.model, state)
             if way == "damped":
-                if not self._search(state, step, factors, goal):
+                part = self._search(state, step, factors, goal)
+                if not part:
                     raise self._failure("the line search stalled", goal, residual)
-                moved = state.positions - started
+                end = self._linear_end(started, part * step, forces, stiffness)
                 continue
             if way == "whole" and sizes[0] > self.size and self._hookean is not None:
                 raise self._failure("the first step rotates cells", goal, residual)
@@ -289,7 +316,7 @@ class StaticProblem:
                 raise self._failure("whole steps do not get shorter", goal, residual)
             self._move(state, step)
             distant = distant and sizes[-1] > NEAR * self.size
-            moved = None if distant else state.positions - started
+            end = None if distant else self._linear_end(started, step, forces, stiffness)
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
@@ -310,8 +337,7 @@ class StaticProblem:
         """Whether the first state would be stable under constant forces that balance it."""
         forces = static_forces(self.model, self.start, self.parameters, self.control.forces)
         try:
-            stiffness = node_stiffness(self.model, self.start, self.parameters)
-            return bool(self._factors(self.start, forces, 0.0, stiffness).positive)
+            return bool(self._factors(self.start, forces, 0.0, self._stiffness(self.start)).positive)
         except NotConvergedError:
             return False
 
@@ -326,16 +352,16 @@ class StaticProblem:
         """
         state, goal = _copy(self.model, self.start), 1.0
         inertia, share = self._inertia(), HEAVIEST
-        residual, forces = self._residual(state, goal)
+        residual, pulls, forces = self._residual(state, goal)
         while self.iterations < LET_GO:
-            stiffness = node_stiffness(self.model, state, self.parameters, distant=True) + share * inertia
-            factors = self._factors(state, forces, goal, stiffness)
+            stiffness = self._stiffness(state, distant=True) + share * inertia
+            factors = self._factors(state, pulls + forces, goal, stiffness)
             step, before = self._solve(factors, residual, state), _copy(self.model, state)
             self._move(state, step)
-            after, forces_after = self._residual(state, goal)
+            after, *loads = self._residual(state, goal)
             size, remaining = self._size(step), self._size(self._solve(factors, after, state))
             if factors.positive and remaining <= max(size, tolerance):
-                residual, forces, share = after, forces_after, 0.1 * share
+                residual, (pulls, forces), share = after, loads, 0.1 * share
                 if share < LIGHTEST or size <= tolerance:
                     try:
                         return self.newton(state, goal, tolerance)
@@ -360,12 +386,12 @@ class StaticProblem:
         """
         state, goal, inertia, share = self._predict_state(before, 1.0), 1.0, self._inertia(), RESTRAINT
         farthest = FARTHEST * self.size or np.inf
-        moved: Array | None = None
+        end: LinearEnd | None = None
         last = self.iterations + RESTRAINED
         while self.iterations < last:
-            residual, forces = self._residual(state, goal)
-            stiffness = node_stiffness(self.model, state, self.parameters, moved=moved)
-            factors = self._factors(state, forces, goal, stiffness + share * inertia)
+            residual, pulls, forces = self._residual(state, goal)
+            stiffness, loads = self._stiffness(state, end), pulls + (forces if end is None else end.forces)
+            factors = self._factors(state, loads, goal, stiffness + share * inertia)
             if not factors.positive and share < HEAVIEST / LIGHTEST:
                 share = max(MORE * share, LIGHTEST)
                 continue
@@ -382,9 +408,9 @@ class StaticProblem:
                 share = max(MORE * share, LIGHTEST) if size > 3.0 * farthest else share
             else:
                 share = LESS * share if LESS * share >= LIGHTEST else 0.0
-            started = state.positions.copy()
+            started = _copy(self.model, state)
             self._move(state, step)
-            moved = state.positions - started
+            end = self._linear_end(started, step, forces, stiffness)
         raise self._failure(f"no convergence in {RESTRAINED} restrained steps", goal, residual)
 
     def _inertia(self) -> sp.csr_matrix:
@@ -393,7 +419,7 @@ class StaticProblem:
 
     def finish(self, state: State) -> float:
         """Set the joint efforts of an equilibrium and return the largest unbalanced force in [N]."""
-        residual, _ = self._residual(state, 1.0)
+        residual = self._residual(state, 1.0)[0]
         multipliers = self._multipliers(state)
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
         state.joint_efforts[self.actuators.joint] = multipliers
@@ -416,12 +442,12 @@ class StaticProblem:
         model.place_regions(state)
         driven = self._compute_driven_displacement(before, state).ravel()
         if driven.any():
-            residual, forces = self._residual(before, goal)
-            stiffness = node_stiffness(model, before, self.parameters)
-            factors = self._factors(before, forces, goal, stiffness)
+            residual, pulls, forces = self._residual(before, goal)
+            stiffness = self._stiffness(before)
+            factors = self._factors(before, pulls + forces, goal, stiffness)
             stiffness = stiffness + on_nodes(model, self._geometric(before))
-            pulled = (stiffness @ driven).reshape(-1, 3)
-            residual[: at.size] -= generalised_forces(model, at, before, pulled)
+            spread = (stiffness @ driven).reshape(-1, 3)
+            residual[: at.size] -= generalised_forces(model, at, before, spread)
             self._move(state, self._solve(factors, residual, before))
         return state
 
@@ -450,25 +476,37 @@ class StaticProblem:
     def _targets(self, fraction: float) -> Array:
         return np.asarray(self.first_targets + fraction * (self.control.targets - self.first_targets))
 
-    def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
-        """Return the residual (d + c,) at a load fraction, and the node forces (n, 3) in [N].
+    def _residual(self, state: State, fraction: float) -> tuple[Array, Array, Array]:
+        """Return the residual (d + c,) at a load fraction, and the node forces of actuators and all others.
 
-        The residual has the generalised forces, then s - q + c t of the actuators.
+        The residual has the generalised forces, then s - q + c t of the actuators. The forces are in [N],
+        shape (n, 3).
         """
         model, at = self.model, self.at
         forces = static_forces(model, state, self.parameters, self.control.forces)
-        residual = np.zeros(at.size + self.constrained)
+        residual, pulls = np.zeros(at.size + self.constrained), np.zeros_like(forces)
         if self.constrained:
             actuators, multipliers = self.actuators, self._multipliers(state)
-            rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
-            forces = forces + (rows.on_nodes.T @ multipliers).reshape(-1, 3)
-            residual[at.first_reduced : at.size] = rows.on_reduced.T @ multipliers
+            rows = actuators.rows(model, state)
+            pulls, turns = distribute(rows, multipliers, len(model.rest), model.reduced_size)
+            residual[at.first_reduced : at.size] = turns
             transmissions = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
             residual[at.size :] = actuators.values(model, state) - transmissions.command
             residual[at.size :] += transmissions.compliance * multipliers
-        residual[: at.size] += generalised_forces(model, at, state, forces)
+        residual[: at.size] += generalised_forces(model, at, state, forces + pulls)
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
-        return residual - (1.0 - fraction) * self.first_residual, forces
+        return residual - (1.0 - fraction) * self.first_residual, pulls, forces
+
+    def _stiffness(self, state: State, end: LinearEnd | None = None, distant: bool = False) -> sp.csr_matrix:
+        """Return the `node_stiffness` at a state, where the last step ended."""
+        last = None if end is None else end.move
+        return node_stiffness(self.model, state, self.parameters, distant=distant, last=last)
+
+    def _linear_end(self, start: State, step: Array, forces: Array, stiffness: sp.csr_matrix) -> LinearEnd:
+        """Return the linear end of a step of all unknowns, from the forces and the stiffness at its start."""
+        moved = jacobian(self.model, self.at, start) @ step[: self.at.size]
+        changed = forces - (stiffness @ moved).reshape(-1, 3)
+        return LinearEnd(LinearMove(start.positions, moved.reshape(-1, 3)), changed)
 
     def _geometric(self, state: State) -> GeometricStiffness:
         """Return the geometric stiffness of the actuators."""
@@ -480,28 +518,29 @@ class StaticProblem:
 
     def _factors(self, state: State, forces: Array, fraction: float, stiffness: sp.csr_matrix) -> Any:
         """Return the factorised tangent of the residual on the solved unknowns; see `node_stiffness`."""
-        at = self.at
-        matrix = static_tangent(self.model, at, state, forces, stiffness)
+        at, mapping = self.at, jacobian(self.model, self.at, state)
+        matrix = static_tangent(self.model, at, state, forces, stiffness, mapping)
         if self.constrained:
             geometric = self._geometric(state)
-            across = rows_on_unknowns(self.model, at, state, geometric.rows).on_unknowns
-            matrix = matrix + across.T @ sp.diags(geometric.weight) @ across
+            rows = join_rows([self.actuators.rows(self.model, state), geometric.rows])
+            spread = rows_on_unknowns(self.model, at, mapping, rows).on_unknowns
+            across = spread[self.constrained :]
+            matrix = matrix + across.T @ diagonal_matrix(geometric.weight) @ across
         self.iterations += 1
         try:
             factors = self.matrices.factor(matrix[at.solved][:, at.solved])
             if not self.constrained:
                 return factors
-            rows = rows_on_unknowns(self.model, at, state, self.actuators.rows(self.model, state))
             commands = self._targets(fraction)[self.actuators.joint]
             transmissions = self.actuators.transmissions(commands, self._multipliers(state))
             return ActuatedFactors(
                 factors,
-                rows.on_unknowns[:, at.solved],
+                spread[: self.constrained, at.solved],
                 transmissions.compliance,
                 (transmissions.lower, transmissions.upper),
             )
         except FactorisationError:
-            residual, _ = self._residual(state, fraction)
+            residual = self._residual(state, fraction)[0]
             raise self._failure(SINGULAR, fraction, residual) from None
 
     def _solve(self, factors: Any, residual: Array, state: State) -> Array:
@@ -514,8 +553,10 @@ class StaticProblem:
             )
         return step
 
-    def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
+    def _search(self, state: State, step: Array, factors: Any, fraction: float) -> float:
         """Take the largest part of a Newton step after which the next one, with the same tangent, is shorter.
+
+        Return the part, 0 if there is none.
 
         The measure is in metres for every unknown, so that a stiff drive does not dominate soft material.
         Source: Deuflhard 2004, natural monotonicity.
@@ -525,10 +566,10 @@ class StaticProblem:
             self._move(state, part * step)
             remaining = self._size(self._solve(factors, self._residual(state, fraction)[0], state))
             if remaining <= (1.0 - 0.25 * part) * size:
-                return True
+                return part
             state.copy_from(before)
             part /= 2.0
-        return False
+        return 0.0
 
     def _move(self, state: State, step: Array) -> None:
         """Add a step of all unknowns; rotations are updated by the exponential map."""

@@ -1,5 +1,6 @@
 from .cells import (
     BlockPattern as BlockPattern,
+    LinearMove as LinearMove,
     cauchy_stress as cauchy_stress,
     cell_energy as cell_energy,
     cell_forces as cell_forces,

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import singledispatch
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -98,6 +99,18 @@ def cell_forces(group: ElementGroup, positions: Array, p: Array) -> Array:
     return np.asarray(-(group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
 
 
+class LinearMove(NamedTuple):
+    """Displacement of all nodes by a linear solve.
+
+    Attributes:
+        start: Positions at which it was linearised in [m], shape (n, 3).
+        moved: The displacement to first order in [m], shape (n, 3). Nodes of regions that turn end elsewhere.
+    """
+
+    start: Array
+    moved: Array
+
+
 @singledispatch
 def cell_stiffness(
     group: ElementGroup,
@@ -105,7 +118,7 @@ def cell_stiffness(
     p: Array,
     positive: bool = False,
     distant: bool = False,
-    moved: Array | None = None,
+    last: LinearMove | None = None,
     mean_share: float = 1.0,
 ) -> Array:
     """Return the stiffness -df_a/dx_b of each cell in [N/m], shape (m, a, a, 3, 3).
@@ -113,8 +126,8 @@ def cell_stiffness(
     It is exact by default, `positive` for a time step, or `distant` for statics far from an equilibrium; see
     Material.
 
-    `moved` is the displacement of all nodes by the last linear solve in [m], shape (n, 3). With it, cells
-    with a mean volume take the pressure that this solve found, to first order, instead of the pressure at the
+    `last` is the move by the last linear solve, which led here or close to here. With it, cells with a mean
+    volume take the pressure that this solve found, to first order, instead of the pressure at the
     new positions. One iteration per step is then enough, even where the material is nearly incompressible. No
     eigenvalues are clamped in this case. Fibres and layers, which are stiff and thin, take the stress of the
     last solve in the same way; a positive stiffness leaves out its compressive part. Source: Magisano,
@@ -126,8 +139,8 @@ def cell_stiffness(
     p, m, q, a = p[:, None], *group.gradients.shape[:3]
     if law is None:
         plain = group.material
-        if moved is not None and isinstance(plain, StrainMaterial):
-            before, change = (deformation_gradients(group, each) for each in (positions - moved, moved))
+        if last is not None and isinstance(plain, StrainMaterial):
+            before, change = (deformation_gradients(group, each) for each in last)
             found = plain.extrapolated_stress(before, change, p)
             return _blocks(
                 group, plain.tangent_at(gradients, p, without_pressing(found) if positive else found)
@@ -137,11 +150,11 @@ def cell_stiffness(
         of = plain.distant_tangent if distant else plain.positive_tangent if positive else plain.tangent
         return _blocks(group, of(gradients, p))
     at_points, on_mean = split_bulk(group, law, p)
-    if moved is None:
+    if last is None:
         pressure = _pressure(group, law, gradients, p)
         at = law.positive_tangent_at if positive or distant else law.tangent_at
     else:
-        pressure = _extrapolated_pressure(group, law, positions, moved, p)
+        pressure = _extrapolated_pressure(group, law, last, p)
         at = law.tangent_at
     blocks = _blocks(group, at(gradients, p, np.broadcast_to(at_points, (m, q)), pressure))
     volume = _volume_gradient(group, law, gradients).reshape(m, 3 * a)
@@ -167,12 +180,10 @@ def _pressure(group: ElementGroup, law: VolumetricMaterial, gradients: Array, p:
     return np.asarray(at_points * dilatation + on_mean * mean_over(group, dilatation))
 
 
-def _extrapolated_pressure(
-    group: ElementGroup, law: VolumetricMaterial, positions: Array, moved: Array, p: Array
-) -> Array:
-    """Return the pressure before the displacement `moved` plus its first-order change in [Pa], (m, q)."""
-    before = deformation_gradients(group, positions - moved)
-    change = (law.dilatation_slope(before) * deformation_gradients(group, moved)).sum(axis=(-2, -1))
+def _extrapolated_pressure(group: ElementGroup, law: VolumetricMaterial, last: LinearMove, p: Array) -> Array:
+    """Return the pressure before a move plus its first-order change in [Pa], shape (m, q)."""
+    before, moved = (deformation_gradients(group, each) for each in last)
+    change = (law.dilatation_slope(before) * moved).sum(axis=(-2, -1))
     at_points, on_mean = split_bulk(group, law, p)
     return _pressure(group, law, before, p) + at_points * change + on_mean * mean_over(group, change)
 
@@ -290,7 +301,7 @@ def stiffness_matrix(
     materials: Sequence[Mapping[str, float]],
     positive: bool = False,
     distant: bool = False,
-    moved: Array | None = None,
+    last: LinearMove | None = None,
     mean_share: float = 1.0,
     pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
@@ -303,7 +314,7 @@ def stiffness_matrix(
         pattern = BlockPattern(len(positions), [group.cells for group in groups])
     return pattern.matrix(
         [
-            cell_stiffness(group, positions, group.values(materials), positive, distant, moved, mean_share)
+            cell_stiffness(group, positions, group.values(materials), positive, distant, last, mean_share)
             for group in groups
         ]
     )

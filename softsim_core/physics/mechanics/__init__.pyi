@@ -40,6 +40,7 @@ from .rigid import (
 )
 from .rows import (
     Rows as Rows,
+    distribute as distribute,
     join_rows as join_rows,
     no_rows as no_rows,
     sparse_rows as sparse_rows,

@@ -59,14 +59,26 @@ def join_rows(parts: list[Rows]) -> Rows:
 
 def sparse_rows(rows: Rows, nodes: int, reduced: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Return rows as matrices on node coordinates (r, 3 nodes) and on reduced coordinates (r, reduced)."""
-    owner = np.repeat(np.arange(rows.height), np.diff(rows.start))
     on_node = rows.place < nodes
-    columns = 3 * rows.place[on_node, None] + np.arange(3)
-    lines = np.repeat(owner[on_node], 3)
-    values = rows.coefficient[on_node].ravel()
-    first = sp.csr_matrix((values, (lines, columns.ravel())), shape=(rows.height, 3 * nodes))
-    values, columns = rows.coefficient[~on_node, 0], rows.place[~on_node] - nodes
-    return first, sp.csr_matrix((values, (owner[~on_node], columns)), shape=(rows.height, reduced))
+    start = np.concatenate([[0], np.cumsum(on_node)])[rows.start]
+    columns = (3 * rows.place[on_node, None] + np.arange(3)).ravel()
+    entries = rows.coefficient[on_node].ravel(), columns, 3 * start
+    others = rows.coefficient[~on_node, 0], rows.place[~on_node] - nodes, rows.start - start
+    return (
+        sp.csr_matrix(entries, shape=(rows.height, 3 * nodes)),
+        sp.csr_matrix(others, shape=(rows.height, reduced)),
+    )
+
+
+def distribute(rows: Rows, forces: Array, nodes: int, reduced: int) -> tuple[Array, Array]:
+    """Return the forces of the rows (r,) on nodes (n, 3) and on reduced coordinates (b,)."""
+    acting = rows.coefficient * np.repeat(forces, np.diff(rows.start))[:, None]
+    on_node = rows.place < nodes
+    places = (3 * rows.place[on_node, None] + np.arange(3)).ravel()
+    return (
+        np.bincount(places, acting[on_node].ravel(), 3 * nodes).reshape(-1, 3),
+        np.bincount(rows.place[~on_node] - nodes, acting[~on_node, 0], reduced),
+    )
 
 
 def no_rows() -> Rows:

@@ -44,6 +44,7 @@ from softsim_core.physics.dynamics.numba_backend.thin_cells import (
 )
 from softsim_core.physics.fem import (
     ElementGroup,
+    LinearMove,
     cell_forces,
     cell_stiffness,
     cell_von_mises,
@@ -85,9 +86,9 @@ class PlainCells:
     def fill(self, inputs: CellInputs, into: CellOutputs) -> None:
         """Add forces and stiffness."""
         group, x, first, second = self.group, inputs.x, *np.triu_indices(self.group.cells.shape[1])
-        moved = inputs.moved if len(inputs.moved) else None
+        last = LinearMove(x - inputs.moved, inputs.moved) if len(inputs.moved) else None
         stiffness = cell_stiffness(
-            group, x, self._values, inputs.positive, moved=moved, mean_share=inputs.mean_share
+            group, x, self._values, inputs.positive, last=last, mean_share=inputs.mean_share
         )
         on_nodes = cell_forces(group, x, self._values)
         if len(inputs.step_stress):
@@ -309,7 +310,7 @@ class PlannedCells:
             scale: Factor on the stiffness.
             lag: Time lag in [s].
             straining: Velocities v in [m/s], shape (n, 3); None: zero, and no viscoelastic stress is added.
-            moved: See fem.cells.cell_stiffness.
+            moved: Displacement by the last linear solve in [m], (n, 3); see fem.cells.LinearMove.
             mean_share: See fem.cells.cell_stiffness.
         """
         if self._filled[0]:

@@ -133,7 +133,7 @@ class CellInputs(NamedTuple):
 
     Attributes:
         x: Positions in [m], shape (n, 3).
-        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure in K is that at x.
+        moved: See fem.cells.LinearMove, shape (n, 3); no rows: the pressure in K is that at x.
         velocities: Velocities in [m/s], shape (n, 3).
         step_stress: Viscoelastic stress H in [Pa], shape (., q, 3, 3), see fem.prony; no rows: none.
         positive: Whether K must have no negative eigenvalues; see fem.cells.cell_stiffness.

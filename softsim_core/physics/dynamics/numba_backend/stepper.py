@@ -178,7 +178,7 @@ class NumbaStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """Advance by one step; for `moved` see fem.cells.cell_stiffness, for `pressed` PlannedCells.press."""
+        """Advance by one step; for `moved` see fem.cells.LinearMove, for `pressed` PlannedCells.press."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)

@@ -380,6 +380,7 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
     products, second, rates = np.zeros(strains), np.zeros(strains), np.zeros(strains)
     strain, resultants, expected = np.zeros(strains), np.zeros(strains), np.zeros(strains)
     by_products, moduli = np.zeros((strains, strains)), np.zeros((strains, strains))
+    earlier, by_earlier, linear = np.zeros((vectors, 3)), np.zeros((strains, strains)), np.zeros(strains)
     between, viscous = np.zeros((strains, strains)), np.zeros((strains, strains))
     found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
     b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
@@ -392,10 +393,18 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
             put_slopes(points, v, slopes)
             put_products(points, slopes, v, 0.5, products)
             put_strains(points, e, q, products, strain, by_products)
+            linear[:] = strain
             if len(moved):
                 put_vectors(moved, nodes, points, e, q, dv)
-                put_slopes(points, dv, turned)
-                put_products(points, turned, dv, 0.5, second)
+                earlier[:] = v - dv
+                put_slopes(points, earlier, turned)
+                put_products(points, turned, earlier, 0.5, second)
+                put_strains(points, e, q, second, linear, by_earlier)
+                put_products(points, turned, dv, 1.0, second)
+                for k in range(len(points.strains)):
+                    linear[k] += by_earlier[k, k] * second[k]
+                    if points.along and k in BENDING:
+                        linear[k] += by_earlier[k, 0] * second[0]
             put_vectors(velocities, nodes, points, e, q, dv)
             put_slopes(points, dv, turned)
             put_products(points, slopes, dv, 1.0, rates)
@@ -405,13 +414,7 @@ def fill_points(inputs: CellInputs, cells: RodCells, points: RodPoints, forces: 
                     stiff = points.stiffness[e, q, k, j]
                     if stiff != 0.0:
                         resultants[k] += stiff * strain[j]
-                        if len(moved):
-                            change = by_products[j, j] * second[j]
-                            if points.along and j in BENDING:
-                                change += by_products[j, 0] * second[0]
-                            expected[k] += stiff * (strain[j] - change)
-                        else:
-                            expected[k] += stiff * strain[j]
+                        expected[k] += stiff * linear[j]
             put_moduli(points, points.stiffness[e, q], by_products, between, moduli)
             viscous[:] = damping[e] * moduli
             if points.along and len(moved):

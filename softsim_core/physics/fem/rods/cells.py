@@ -9,7 +9,14 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
-from softsim_core.physics.fem import ElementGroup, cauchy_stress, cell_energy, cell_forces, cell_stiffness
+from softsim_core.physics.fem import (
+    ElementGroup,
+    LinearMove,
+    cauchy_stress,
+    cell_energy,
+    cell_forces,
+    cell_stiffness,
+)
 from softsim_core.physics.fem.elements import ElementData
 from softsim_core.physics.fem.materials import Section
 from softsim_core.physics.mesh import RodMesh
@@ -101,9 +108,10 @@ class StrainPoints:
         """Return the vectors for nodal values (n, 3), shape (m, q, f, 3)."""
         return np.asarray(self.maps @ nodal[cells][:, None])
 
-    def products(self, vectors: Array) -> Array:
-        """Return v^T Q_k v / 2 for vectors (m, q, f, 3), shape (m, q, k)."""
-        return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors))
+    def products(self, vectors: Array, others: Array | None = None) -> Array:
+        """Return v^T Q_k w / 2 for vectors v and w (m, q, f, 3), shape (m, q, k); None: w is v."""
+        others = vectors if others is None else others
+        return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, others))
 
     def strains(self, products: Array) -> Strains:
         """Return the strains for products (m, q, k), less the natural ones, and their derivatives."""
@@ -374,7 +382,7 @@ def rod_stiffness(
     p: Array,
     positive: bool = False,
     distant: bool = False,
-    moved: Array | None = None,
+    last: LinearMove | None = None,
     mean_share: float = 1.0,
 ) -> Array:
     """Return the stiffness -df_a/dx_b of each cell of rods in [N/m], shape (m, a, a, 3, 3).
@@ -388,14 +396,15 @@ def rod_stiffness(
         vectors = points.vectors(positions, group.cells)
         slopes, products = points.slopes(vectors), points.products(vectors)
         strain, by_products = points.strains(products)
-        if moved is not None:  # the strain that the last linear solve found, to first order
-            second = points.products(points.vectors(moved, group.cells))
-            strain = strain - (by_products @ second[..., None])[..., 0]
+        if last is not None:  # the strain that the last linear solve found, to first order
+            start, change = (points.vectors(each, group.cells) for each in last)
+            before, slope = points.strains(points.products(start))
+            strain = before + (slope @ (2.0 * points.products(start, change))[..., None])[..., 0]
         resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
         pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
         moduli = np.swapaxes(by_products, -1, -2) @ stiffness @ by_products
         moduli *= points.lengths[..., None, None]
-        if (positive or distant) and moved is None:
+        if (positive or distant) and last is None:
             stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
             pulling = np.where(stretches, np.maximum(pulling, 0.0), 0.0)
         else:
