@@ -50,7 +50,7 @@ from softsim_core.physics.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem import LinearMove, element_group, inverted_cells
+from softsim_core.physics.fem import BlockPattern, LinearMove, element_group, inverted_cells
 from softsim_core.physics.fem.materials import RotatedHooke, StrainMaterial, material, rest_stiffness
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import (
@@ -207,6 +207,11 @@ class StaticProblem:
         self.first_residual[self.at.size :] = 0.0
         if not np.isfinite(self.first_residual).all():
             raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
+
+    @cached_property
+    def _pattern(self) -> BlockPattern:
+        """Sparsity pattern of the cells."""
+        return BlockPattern(len(self.model.rest), [group.cells for group in self.model.groups])
 
     @cached_property
     def _hookean(self) -> StaticProblem | None:
@@ -500,7 +505,9 @@ class StaticProblem:
     def _stiffness(self, state: State, end: LinearEnd | None = None, distant: bool = False) -> sp.csr_matrix:
         """Return the `node_stiffness` at a state, where the last step ended."""
         last = None if end is None else end.move
-        return node_stiffness(self.model, state, self.parameters, distant=distant, last=last)
+        return node_stiffness(
+            self.model, state, self.parameters, distant=distant, last=last, pattern=self._pattern
+        )
 
     def _linear_end(self, start: State, step: Array, forces: Array, stiffness: sp.csr_matrix) -> LinearEnd:
         """Return the linear end of a step of all unknowns, from the forces and the stiffness at its start."""

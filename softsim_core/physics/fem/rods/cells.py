@@ -111,7 +111,9 @@ class StrainPoints:
     def products(self, vectors: Array, others: Array | None = None) -> Array:
         """Return v^T Q_k w / 2 for vectors v and w (m, q, f, 3), shape (m, q, k); None: w is v."""
         others = vectors if others is None else others
-        return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, others))
+        between = vectors @ np.swapaxes(others, -1, -2)
+        count = len(self.forms)
+        return np.asarray(0.5 * between.reshape(*between.shape[:2], -1) @ self.forms.reshape(count, -1).T)
 
     def strains(self, products: Array) -> Strains:
         """Return the strains for products (m, q, k), less the natural ones, and their derivatives."""
@@ -141,7 +143,7 @@ class StrainPoints:
 
     def slopes(self, vectors: Array) -> Array:
         """Return the derivatives of the products by the nodes, shape (m, q, k, a, 3)."""
-        by_vectors = np.einsum("kfg,mqgi->mqkfi", self.forms, vectors)
+        by_vectors = self.forms @ vectors[:, :, None]
         return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
 
 
@@ -412,9 +414,8 @@ def rod_stiffness(
         flat = slopes.reshape(*slopes.shape[:3], -1)
         elastic = (np.swapaxes(flat, -1, -2) @ (moduli @ flat)).sum(axis=1)
         total += elastic.reshape(count, a, 3, a, 3).swapaxes(2, 3)
-        turning = np.einsum(
-            "mqk,kfg,mqfa,mqgb->mab", pulling, points.forms, points.maps, points.maps, optimize=True
-        )
+        between = np.tensordot(pulling, points.forms, 1)
+        turning = (np.swapaxes(points.maps, -1, -2) @ between @ points.maps).sum(axis=1)
         total += turning[..., None, None] * np.eye(3)
     return total
 
