@@ -74,9 +74,9 @@ def centres(solution: StaticSolution) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("young_modulus", "pulled", "most"), [(5e5, 0.0, 120), (2e7, 1.0, 120)])
+@pytest.mark.parametrize(("young_modulus", "pulled", "most"), [(5e5, 0.0, 90), (2e7, 1.0, 100)])
 def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: float, most: int) -> None:
-    """To four times its length and more, 92 and 91; in parts of the load alone they were 866 and 852."""
+    """To four times its length and more, 62 and 69; 162 and 119 before the cells rotated without strain."""
     spring = drawn(young_modulus, pulled)
     found = spring.equilibrium()
     height = -centres(found)[-1, 2]
@@ -86,9 +86,9 @@ def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("turns", "most"), [(1, 160), (3, 150)])
+@pytest.mark.parametrize(("turns", "most"), [(1, 50), (3, 20)])
 def test_a_wound_tendon_coils_a_rod_in_few_iterations(turns: int, most: int) -> None:
-    """Pulled by a quarter of the rod's length, 131 and 119; in parts alone they were 237 and 187."""
+    """Pulled by a quarter of the rod's length, 33 and 9; 165 and 119 before cells rotated without strain."""
     rod = wound(turns)
     found = rod.equilibrium([0.05])
     assert found.state.joint_positions[0] == pytest.approx(0.05, abs=1e-9)
@@ -97,16 +97,18 @@ def test_a_wound_tendon_coils_a_rod_in_few_iterations(turns: int, most: int) -> 
     assert np.abs(found.state.positions - again.state.positions).max() < 1e-7
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("elements", [16, 50])
 @pytest.mark.parametrize(("curve", "twist"), [(25.0, 18.0), (10.0, -30.0), (2.0 * math.pi / LENGTH, 0.0)])
-def test_a_straight_rod_goes_to_the_helix_that_it_is_curved_as(curve: float, twist: float) -> None:
-    """A turn or more from the first state, which no force held; statics gave up before."""
+def test_a_straight_rod_becomes_the_helix_of_its_natural_shape(
+    curve: float, twist: float, elements: int
+) -> None:
+    """The first state is a turn or more away; 5 or 6 iterations, where straight steps took 57 to 131."""
     rod = RodDescription(
         centreline=STRAIGHT,
         section=RodSectionDescription(shape="rectangle", size=(0.004, 0.006)),
         natural="straight",
         curvature=(curve, 0.0, twist),
-        elements=16,
+        elements=elements,
     )
     found = simulated(rod, 2e7).equilibrium()
     total = math.hypot(curve, twist)
@@ -114,4 +116,4 @@ def test_a_straight_rod_goes_to_the_helix_that_it_is_curved_as(curve: float, twi
     chord = math.hypot(rise * LENGTH, 2.0 * radius * math.sin(0.5 * turn))
     places = centres(found)
     assert np.linalg.norm(places[-1] - places[0]) == pytest.approx(chord, abs=2e-3 * LENGTH)
-    assert found.iterations < 200
+    assert found.iterations <= 8

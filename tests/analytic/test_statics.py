@@ -97,7 +97,8 @@ def test_rubber_that_droops_is_found_in_few_iterations(law: str, young_modulus: 
 @pytest.mark.slow
 def test_rubber_droops_to_the_same_place_in_parts_of_the_load(monkeypatch: pytest.MonkeyPatch) -> None:
     found = drooping("stable_neo_hookean", 2e5).equilibrium()
-    monkeypatch.delitem(statics.WAYS, "rotated")
+    others = {way: most for way, most in statics.WAYS.items() if way != "rotated"}
+    monkeypatch.setattr(statics, "WAYS", others)  # delitem would put it back at the end
     in_parts = drooping("stable_neo_hookean", 2e5).equilibrium()
     assert in_parts.load_steps > found.load_steps
     np.testing.assert_allclose(found.state.positions, in_parts.state.positions, rtol=0.0, atol=1e-10)

@@ -20,16 +20,19 @@ A load that is too far away is approached in parts: joint targets and base shift
 residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
 (see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending:
 they rotate far under small loads, which would take many parts. So restrained steps come first where nothing
-else moves; where joints move, parts follow the branch of equilibria that the joints lead to. The first state
-may be unstable under any constant load, because bodies may be drawn far from rest; then restrained steps come
-first, too, or the model is released before joints and base move. The result is checked: the last step is
-tiny, the equilibrium is stable, and no element was inverted.
+else moves; where joints move, parts follow the branch of equilibria that the joints lead to. In models of
+rods alone, cells rotate in a step without strain (see fem.RotatingSteps); then one part mostly suffices.
+
+The first state may be unstable under any constant load, because bodies may be drawn far from rest; then
+restrained steps come first, too, or the model is released before joints and base move. The result is checked:
+the last step is tiny, the equilibrium is stable, and no element was inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -50,7 +53,13 @@ from softsim_core.physics.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem import BlockPattern, LinearMove, element_group, inverted_cells
+from softsim_core.physics.fem import (
+    BlockPattern,
+    LinearMove,
+    RotatingSteps,
+    element_group,
+    inverted_cells,
+)
 from softsim_core.physics.fem.materials import RotatedHooke, StrainMaterial, material, rest_stiffness
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import (
@@ -108,16 +117,28 @@ def response_of(model: Model, condensed: Condensed) -> StaticResponse:
 SHORTEST_STEP = 1.0 / 256.0
 """Fraction of a Newton step below which a line search stops."""
 
-WAYS = {"whole": 12, "rotated": 12, "damped": 25, "distant": 12}
-"""Iteration strategies, quickest first, and their largest number of iterations.
+WAYS = {"whole": 12, "turning": 12, "rotated": 12, "damped": 25, "distant": 12}
+"""Iteration strategies and their largest number of iterations.
 
-They are whole Newton steps; whole steps from the equilibrium of the same bodies with Hooke's law in rotated
-axes, whose steps survive rotations of whole cells; damped steps; and steps with the distant tangent, which
-survive a crumpled start, followed by whole steps close to the equilibrium.
+- whole: Newton steps;
+- turning: steps in which cells rotate without strain, with the distant tangent while they are long;
+- rotated: whole steps from the equilibrium of the same bodies with Hooke's law in rotated axes, whose steps
+  survive rotations of whole cells;
+- damped: Newton steps with a line search;
+- distant: steps with the distant tangent, which survive a crumpled start, then whole steps.
+
+Models of rods alone use the first two, in this order where a command changes: a path of commands is followed
+by few whole steps, a load that bends a rod far away by turning ones. Others use all but the second.
 """
 
 NEAR = 0.1
-"""Step length, as a share of an element's size, below which the exact tangent replaces the distant one."""
+"""Step length, as a share of an element's size, of an iteration that is close to the equilibrium."""
+
+LONG = {"turning": 1.0, "distant": NEAR}
+"""Step length, in sizes of an element, after which the next step has the distant tangent again."""
+
+TURNS = 3
+"""Largest number of rotating steps with the distant tangent."""
 
 HEAVIEST, LIGHTEST = 1.0, 1e-6
 """Masses over step squared while a model is released, relative to that of the model's step.
@@ -137,8 +158,8 @@ FARTHEST = 2.0
 RESTRAINT = 1e-3
 """Mass over step squared of the first restrained step, relative to that of the model's step."""
 
-LESS, MORE = 0.2, 8.0
-"""Factors of that mass after a step that was short enough, and after one that was much too long."""
+MORE = 8.0
+"""Largest factor of that mass from step to step, and the one where the tangent is not positive."""
 
 SINGULAR = "the tangent is singular (is every body attached?)"
 NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
@@ -193,6 +214,7 @@ class StaticProblem:
         self.bends_under_load = not self._driven and any(
             isinstance(group.material, StrainMaterial) for group in model.groups
         )
+        self.only_rods = all(isinstance(group.material, StrainMaterial) for group in model.filling)
         inputs = (state.buffer, control.targets, control.forces, control.base_shift)
         if not all(np.isfinite(each).all() for each in inputs):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
@@ -258,7 +280,10 @@ class StaticProblem:
     def newton(self, before: State, goal: float, tolerance: float) -> State:
         """Return the equilibrium at the load fraction `goal`, trying each strategy from an earlier one."""
         failure: NotConvergedError | None = None
-        for way in WAYS:
+        ways = [way for way in WAYS if way != "turning"]
+        if self.only_rods:
+            ways = ["whole", "turning"] if self._driven else ["turning", "whole"]
+        for way in ways:
             try:
                 if way == "rotated":
                     if self._hookean is None:
@@ -293,7 +318,8 @@ class StaticProblem:
         None: from the state that follows `before` to first order.
         """
         state = self._predict_state(before, goal) if first is None else first
-        distant = way == "distant"
+        turning = way == "turning"
+        distant = way in ("turning", "distant")
         sizes: list[float] = []
         end: LinearEnd | None = None
         for _ in range(WAYS[way]):
@@ -315,13 +341,15 @@ class StaticProblem:
                     raise self._failure("the line search stalled", goal, residual)
                 end = self._linear_end(started, part * step, forces, stiffness)
                 continue
+            if turning and (len(sizes) > TURNS if distant else not factors.positive):
+                raise self._failure("rotating steps do not lead to a stable place", goal, residual)
             if way == "whole" and sizes[0] > self.size and self._hookean is not None:
                 raise self._failure("the first step rotates cells", goal, residual)
             if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
                 raise self._failure("whole steps do not get shorter", goal, residual)
-            self._move(state, step)
-            distant = distant and sizes[-1] > NEAR * self.size
-            end = None if distant else self._linear_end(started, step, forces, stiffness)
+            self._move(state, step, turning)
+            distant = distant and sizes[-1] > LONG[way] * self.size
+            end = None if distant or turning else self._linear_end(started, step, forces, stiffness)
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
@@ -384,7 +412,7 @@ class StaticProblem:
         of a step. The mass is large enough to make the sum positive; it is increased where steps are long,
         decreased where they are short, and zero in the end. A step need not reduce the residual: each
         rotation first stretches cells that are axially stiff and flexible in bending, which would stall a
-        line search.
+        line search. The cells of models of rods alone rotate without strain instead.
 
         Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation; Magisano,
         Leonetti, Garcea 2017, How to improve efficiency and robustness of the Newton method.
@@ -410,12 +438,11 @@ class StaticProblem:
                 return state
             if size > farthest:
                 step *= farthest / size
-                share = max(MORE * share, LIGHTEST) if size > 3.0 * farthest else share
-            else:
-                share = LESS * share if LESS * share >= LIGHTEST else 0.0
+            share *= min(math.sqrt(size / farthest), MORE)
+            share = share if share >= LIGHTEST else 0.0
             started = _copy(self.model, state)
-            self._move(state, step)
-            end = self._linear_end(started, step, forces, stiffness)
+            self._move(state, step, self.only_rods)
+            end = None if self.only_rods else self._linear_end(started, step, forces, stiffness)
         raise self._failure(f"no convergence in {RESTRAINED} restrained steps", goal, residual)
 
     def _inertia(self) -> sp.csr_matrix:
@@ -437,8 +464,8 @@ class StaticProblem:
     def _predict_state(self, before: State, goal: float) -> State:
         """Return the state with prescribed joints and bases at `goal` and all else following to first order.
 
-        Nodes that share a short cell with a moving region rotate with it rigidly, and add their own
-        displacement. The cell would be torn if one end rotated while the other moved straight.
+        Cells of rods rotate without strain. Nodes that share a short cell with a moving region rotate with it
+        rigidly and add their own displacement; the cell would be torn if only one end rotated.
         """
         at, model = self.at, self.model
         state = _copy(model, before)
@@ -453,7 +480,7 @@ class StaticProblem:
             stiffness = stiffness + on_nodes(model, self._geometric(before))
             spread = (stiffness @ driven).reshape(-1, 3)
             residual[: at.size] -= generalised_forces(model, at, before, spread)
-            self._move(state, self._solve(factors, residual, before))
+            self._move(state, self._solve(factors, residual, before), turning=self.only_rods)
         return state
 
     def _compute_driven_displacement(self, before: State, state: State) -> Array:
@@ -578,10 +605,16 @@ class StaticProblem:
             part /= 2.0
         return 0.0
 
-    def _move(self, state: State, step: Array) -> None:
-        """Add a step of all unknowns; rotations are updated by the exponential map."""
-        first = self.at.first_reduced
+    @cached_property
+    def _rotating_steps(self) -> RotatingSteps:
+        return RotatingSteps(self.model.filling, self.at.free, len(self.model.rest), self._solver)
+
+    def _move(self, state: State, step: Array, turning: bool = False) -> None:
+        """Add a step of all unknowns; frames and joints (`turning`: cells, too) rotate without strain."""
+        first, before = self.at.first_reduced, state.positions.copy()
         self.model.displace(state, step[:first].reshape(-1, 3), step[first : self.at.size])
+        if turning and len(self.at.free):
+            state.positions[self.at.free] += self._rotating_steps.correction(before, state.positions)
         state.joint_efforts[self.actuators.joint] += step[self.at.size :]
 
     def _size(self, step: Array) -> float:

@@ -1,6 +1,7 @@
 from .cells import (
     BlockPattern as BlockPattern,
     LinearMove as LinearMove,
+    RotatingSteps as RotatingSteps,
     cauchy_stress as cauchy_stress,
     cell_energy as cell_energy,
     cell_forces as cell_forces,

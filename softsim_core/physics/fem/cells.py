@@ -27,6 +27,10 @@ from softsim_core.physics.fem.materials import (
     von_mises,
     without_pressing,
 )
+from softsim_core.physics.linalg import Factoriser, LinearSolver
+
+LEFT_IN_PLACE = 1e-9
+"""Share of the stiffness in the least squares of RotatingSteps that keeps nodes where a linear step leads."""
 
 
 def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
@@ -318,6 +322,61 @@ def stiffness_matrix(
             for group in groups
         ]
     )
+
+
+class RotatingSteps:
+    """Steps in which cells rotate by large angles without strain.
+
+    A linear step moves nodes along straight lines, which stretches cells that rotate. Here the spin and the
+    strain of the linear step give each point the gradient exp(spin) (1 + strain) F, and the nodes move to
+    where their cells fit these gradients best (least squares). A short step equals the linear one.
+
+    Source: Huang, Tong, Zhou, Bao, Desbrun 2011, Interactive shape interpolation through controllable dynamic
+    deformation (rotation-strain coordinates).
+
+    Args:
+        groups: The cells that fill the bodies.
+        free: Indices of the free nodes, shape (k,).
+        count: Number of nodes n.
+        solver: Solver of the least squares.
+    """
+
+    def __init__(
+        self, groups: Sequence[ElementGroup], free: IndexArray, count: int, solver: LinearSolver
+    ) -> None:
+        gradients, weights = [sp.csr_matrix((0, count))], [np.zeros(0)]
+        for group in groups:
+            values = np.swapaxes(group.gradients, -1, -2)
+            nodes = np.broadcast_to(group.cells[:, None, None], values.shape)
+            ends = np.arange(0, values.size + 1, values.shape[-1])
+            gradients.append(sp.csr_matrix((values.ravel(), nodes.ravel(), ends), (len(ends) - 1, count)))
+            weights.append(np.repeat(group.weights, 3))
+        self._gradients = sp.vstack(gradients, format="csr")
+        self._forces = (self._gradients.T @ sp.diags(np.concatenate(weights))).tocsr()[free]
+        laplacian = self._forces @ self._gradients[:, free]
+        near = LEFT_IN_PLACE * float(laplacian.diagonal().mean()) * sp.eye(len(free))
+        self._factors = Factoriser(solver).factor(laplacian + near)
+
+    def correction(self, before: Array, after: Array) -> Array:
+        """Return what to add to the free nodes after a linear step in [m], shape (k, 3).
+
+        Args:
+            before: Positions of all nodes before the step in [m], shape (n, 3).
+            after: Positions after the linear step in [m], shape (n, 3).
+
+        Raises:
+            LinAlgError: a cell is flat.
+        """
+        old, change = (
+            np.swapaxes((self._gradients @ each).reshape(-1, 3, 3), 1, 2) for each in (before, after - before)
+        )
+        slope = change @ np.linalg.inv(old)
+        spin = 0.5 * (slope - np.swapaxes(slope, 1, 2))
+        angle = np.sqrt(0.5 * (spin**2).sum(axis=(1, 2)))[:, None, None]
+        rotation = np.eye(3) + np.sinc(angle / np.pi) * spin
+        rotation += 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * (spin @ spin)
+        missing = rotation @ (old + change - spin @ old) - (old + change)
+        return self._factors.solve(self._forces @ np.swapaxes(missing, 1, 2).reshape(-1, 3))
 
 
 def von_mises_stress(
