@@ -187,6 +187,25 @@ def test_a_column_that_buckles_is_not_called_stable() -> None:
     assert caught.value.fraction == pytest.approx(1.0 / 1.3, rel=0.05)
 
 
+@pytest.mark.slow
+def test_an_unstable_equilibrium_is_not_returned_as_it_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The straight column again, as the first state: it buckles, or is refused."""
+    built = beam()
+    tip = np.flatnonzero(built.model.rest[:, 0] > LENGTH - 1e-9)
+    forces = np.zeros_like(built.model.rest)
+    forces[tip, 0] = -1.3 * np.pi**2 / 4.0 * STIFFNESS / 0.58 / len(tip)
+    control = Control(np.zeros(0), forces)
+    with monkeypatch.context() as accepting:
+        accepting.setattr(statics.StaticProblem, "_accept", lambda *_: None)
+        straight = solve_static(built.model, built.model.rest_state(), control, built.parameters).state
+    assert np.abs(straight.positions - built.model.rest)[:, 2].max() < 1e-4
+    try:
+        found = solve_static(built.model, straight, control, built.parameters).state
+    except NotConvergedError:
+        return
+    assert np.abs(found.positions - built.model.rest)[:, 2].max() > 0.1 * LENGTH
+
+
 @pytest.mark.parametrize("force", [np.nan, np.inf])
 def test_what_is_not_finite_is_refused_at_once(force: float) -> None:
     with pytest.raises(NotConvergedError, match="not finite") as caught:

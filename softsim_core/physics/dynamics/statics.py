@@ -123,18 +123,21 @@ WAYS = {"whole": 12, "turning": 12, "rotated": 12, "damped": 25, "distant": 12}
 - whole: Newton steps;
 - turning: steps in which cells rotate without strain, with the distant tangent while they are long;
 - rotated: whole steps from the equilibrium of the same bodies with Hooke's law in rotated axes, whose steps
-  survive rotations of whole cells;
+  survive rotations of whole cells; the first has the distant tangent;
 - damped: Newton steps with a line search;
 - distant: steps with the distant tangent, which survive a crumpled start, then whole steps.
 
-Models of rods alone use the first two, in this order where a command changes: a path of commands is followed
-by few whole steps, a load that bends a rod far away by turning ones. Others use all but the second.
+The first whole step has the distant tangent, too, where the exact one is not positive: a small error of the
+volume gives nearly incompressible cells a large pressure.
+
+Models of rods alone use the second and the first; where a command changes, all but the third, as a path of
+commands is followed by few whole steps. Others use all but the second.
 """
 
 NEAR = 0.1
 """Step length, as a share of an element's size, of an iteration that is close to the equilibrium."""
 
-LONG = {"turning": 1.0, "distant": NEAR}
+LONG = {"turning": 1.0, "whole": np.inf, "rotated": np.inf, "distant": NEAR}
 """Step length, in sizes of an element, after which the next step has the distant tangent again."""
 
 TURNS = 3
@@ -158,8 +161,8 @@ FARTHEST = 2.0
 RESTRAINT = 1e-3
 """Mass over step squared of the first restrained step, relative to that of the model's step."""
 
-MORE = 8.0
-"""Largest factor of that mass from step to step, and the one where the tangent is not positive."""
+LESS, MORE = 0.2, 8.0
+"""Bounds of the factor of that mass from step to step, the second where the tangent is not positive."""
 
 SINGULAR = "the tangent is singular (is every body attached?)"
 NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
@@ -280,9 +283,9 @@ class StaticProblem:
     def newton(self, before: State, goal: float, tolerance: float) -> State:
         """Return the equilibrium at the load fraction `goal`, trying each strategy from an earlier one."""
         failure: NotConvergedError | None = None
-        ways = [way for way in WAYS if way != "turning"]
-        if self.only_rods:
-            ways = ["whole", "turning"] if self._driven else ["turning", "whole"]
+        ways = [way for way in WAYS if self.only_rods or way != "turning"]
+        if self.only_rods and not self._driven:
+            ways = ["turning", "whole"]
         for way in ways:
             try:
                 if way == "rotated":
@@ -319,13 +322,20 @@ class StaticProblem:
         """
         state = self._predict_state(before, goal) if first is None else first
         turning = way == "turning"
-        distant = way in ("turning", "distant")
+        distant = way in ("turning", "rotated", "distant")
         sizes: list[float] = []
         end: LinearEnd | None = None
         for _ in range(WAYS[way]):
             residual, pulls, forces = self._residual(state, goal)
-            stiffness = self._stiffness(state, end, distant)
-            factors = self._factors(state, pulls + (forces if end is None else end.forces), goal, stiffness)
+            stiffness, loads = (
+                self._stiffness(state, end, distant),
+                pulls + (forces if end is None else end.forces),
+            )
+            factors = self._factors(state, loads, goal, stiffness)
+            if way == "whole" and not (sizes or factors.positive):
+                distant = True
+                stiffness = self._stiffness(state, distant=True)
+                factors = self._factors(state, loads, goal, stiffness)
             step = self._solve(factors, residual, state)
             sizes.append(self._size(step))
             if not sizes[-1] < np.inf:
@@ -438,7 +448,7 @@ class StaticProblem:
                 return state
             if size > farthest:
                 step *= farthest / size
-            share *= min(math.sqrt(size / farthest), MORE)
+            share *= min(max(math.sqrt(size / farthest), LESS), MORE)
             share = share if share >= LIGHTEST else 0.0
             started = _copy(self.model, state)
             self._move(state, step, self.only_rods)
@@ -464,8 +474,8 @@ class StaticProblem:
     def _predict_state(self, before: State, goal: float) -> State:
         """Return the state with prescribed joints and bases at `goal` and all else following to first order.
 
-        Cells of rods rotate without strain. Nodes that share a short cell with a moving region rotate with it
-        rigidly and add their own displacement; the cell would be torn if only one end rotated.
+        Nodes that share a short cell with a moving region rotate with it rigidly and add their own
+        displacement. The cell would be torn if one end rotated while the other moved straight.
         """
         at, model = self.at, self.model
         state = _copy(model, before)
@@ -480,7 +490,7 @@ class StaticProblem:
             stiffness = stiffness + on_nodes(model, self._geometric(before))
             spread = (stiffness @ driven).reshape(-1, 3)
             residual[: at.size] -= generalised_forces(model, at, before, spread)
-            self._move(state, self._solve(factors, residual, before), turning=self.only_rods)
+            self._move(state, self._solve(factors, residual, before))
         return state
 
     def _compute_driven_displacement(self, before: State, state: State) -> Array:
