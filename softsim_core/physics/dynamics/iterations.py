@@ -328,11 +328,11 @@ class Newton:
         The step subtracts K v again; f(x) rotates with the bodies.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
-        begun, moved = at - self._model.dt * straining, self.reached.extra[MOVED]
-        last = LinearMove(at - moved, moved)
+        begun = at - self._model.dt * straining
         for group in self._model.groups:
             if isinstance(group.material, StrainMaterial):
-                p = group.values(parameters.materials)
+                p, moved = group.values(parameters.materials), self.reached.extra[MOVED]
+                last = LinearMove(at - moved, moved)
                 stiffness = cell_stiffness(group, at, p, positive=True, last=last)
                 answer = np.einsum("mabij,mbj->mai", stiffness, straining[group.cells])
                 answer += (cell_forces(group, at, p) - cell_forces(group, begun, p)) / self._model.dt
