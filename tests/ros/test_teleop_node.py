@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -14,8 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from terminal_session import REPOSITORY, TerminalSession
-from waiting import DEADLINE_S
+from node_processes import NodeProcess, private_ros
+from terminal_session import TerminalSession
+from waiting import BUILD_S, DEADLINE_S
 
 pytest.importorskip("rclpy")
 
@@ -138,10 +138,12 @@ def teleop(running: tuple[Robot, TerminalSession]) -> TerminalSession:
     return running[1]
 
 
-def with_repository() -> dict[str, str]:
-    """This process's environment, the checkout first on Python's search path."""
-    search_path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
-    return {**os.environ, "PYTHONPATH": search_path}
+def started_bridge(folder: Path, namespace: str, *arguments: str) -> NodeProcess:
+    """A servo bridge on the board that lies in a folder."""
+    words = ("-r", f"__ns:={namespace}", "-p", f"port:={folder / 'board'}", "-p", "open_wait_s:=0.0")
+    return NodeProcess(
+        "servo_bridge.nodes.bridge_node", ("--ros-args", *words, *arguments), folder / "bridge.txt"
+    )
 
 
 def quits_cleanly(session: TerminalSession) -> None:
@@ -279,26 +281,7 @@ def test_the_servo_bridge_is_started_and_stopped(
     tmp_path: Path, robot: Robot, teleop: TerminalSession
 ) -> None:
     with VirtualBoard(link=tmp_path / "board") as board:
-        output = (tmp_path / "bridge.txt").open("wb")
-        bridge = subprocess.Popen(
-            [
-                *(
-                    sys.executable,
-                    "-m",
-                    "servo_bridge.nodes.bridge_node",
-                    "--ros-args",
-                    "-r",
-                    "__ns:=/tripod",
-                ),
-                *("-p", f"port:={tmp_path / 'board'}", "-p", "open_wait_s:=0.0"),
-            ],
-            cwd=REPOSITORY,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=with_repository(),
-            start_new_session=True,
-        )
+        bridge = started_bridge(tmp_path, "/tripod")
         try:
             teleop.wait_for("servo bridge: init")
             teleop.type(b"b")
@@ -312,32 +295,23 @@ def test_the_servo_bridge_is_started_and_stopped(
             teleop.type(b"\x02")
             teleop.wait_for("servo bridge: no-comm")
             teleop.wait_for("> stopped sending")
-            bridge.send_signal(signal.SIGKILL)
+            bridge.process.kill()
             teleop.wait_for("servo bridge: not running")
         finally:
-            bridge.kill()
-            bridge.wait()
-            output.close()
+            bridge.process.kill()
+            bridge.process.wait()
 
 
 @pytest.mark.slow
 def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_ends_it_cleanly(
     tmp_path: Path,
 ) -> None:
-    port, space = tmp_path / "board", ["--ros-args", "-r", "__ns:=/bare"]
-    bridge_arguments = ["-p", f"port:={port}", "-p", "open_wait_s:=0.0", "-p", "source:=commands"]
-    with VirtualBoard(link=port) as board, (tmp_path / "bridge.txt").open("wb") as output:
-        bridge = subprocess.Popen(
-            [sys.executable, "-m", "servo_bridge.nodes.bridge_node", *space, *bridge_arguments],
-            cwd=REPOSITORY,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=with_repository(),
-            start_new_session=True,
-        )
+    """In a ROS domain of its own: in that of the module a bridge was killed, and left its mailbox behind."""
+    with private_ros(tmp_path), VirtualBoard(link=tmp_path / "board") as board:
+        bridge = started_bridge(tmp_path, "/bare", "-p", "source:=commands")
         try:
-            with TerminalSession([*TELEOP, *space]) as session:
+            assert bridge.says("reached by nodes", BUILD_S), bridge.state
+            with TerminalSession([*TELEOP, "--ros-args", "-r", "__ns:=/bare"]) as session:
                 session.wait_for("servo bridge: init")
                 session.type(b"b")
                 session.wait_for("servo bridge: comm")
@@ -353,8 +327,7 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_en
                 session.signal(signal.SIGINT)
                 quits_cleanly(session)
         finally:
-            bridge.kill()
-            bridge.wait()
+            bridge.end()
 
 
 REFUSALS: list[tuple[list[str], str]] = [
