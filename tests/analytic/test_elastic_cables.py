@@ -150,6 +150,8 @@ def test_wrong_numbers_are_refused() -> None:
         pull("c", compliance=-1.0)
     with pytest.raises(SceneError, match="pretension needs a cable that stretches"):
         pull("c", pretension=1.0)
+    with pytest.raises(SceneError, match="the command is the tension; remove pretension"):
+        pull("c", compliance=0.001, pretension=1.0, control="force")
     with pytest.raises(FieldError, match="at most max_tension, 2 N"):
         pull("c", compliance=0.001, pretension=3.0, max_tension=2.0)
 

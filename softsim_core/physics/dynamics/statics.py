@@ -327,10 +327,8 @@ class StaticProblem:
         end: LinearEnd | None = None
         for _ in range(WAYS[way]):
             residual, pulls, forces = self._residual(state, goal)
-            stiffness, loads = (
-                self._stiffness(state, end, distant),
-                pulls + (forces if end is None else end.forces),
-            )
+            stiffness = self._stiffness(state, end, distant)
+            loads = pulls + (forces if end is None else end.forces)
             factors = self._factors(state, loads, goal, stiffness)
             if way == "whole" and not (sizes or factors.positive):
                 distant = True

@@ -111,7 +111,8 @@ class CableDescription(ActuatorDescription):
             not stretch.
         compliance: Stretch in [m/N] that does not depend on the rest length, such as that of the cable
             between the pull point and the winch, or of a spring, >= 0.
-        pretension: Tension in [N] at displacement 0 under the command 0, >= 0; only of cables that stretch.
+        pretension: Tension in [N] at displacement 0 under the command 0, >= 0; only of cables that stretch
+            and are not commanded by tension.
     """
 
     kind: ClassVar[str] = "cable"
@@ -155,6 +156,8 @@ class CableDescription(ActuatorDescription):
             raise SceneError(
                 "cable: pretension needs a cable that stretches; give axial_stiffness or compliance"
             )
+        if self.pretension > 0.0 and self.by_effort:
+            raise SceneError("cable: with `control: force` the command is the tension; remove pretension")
         if self.max_tension is not None and self.pretension > self.max_tension:
             raise FieldError(
                 "cable", "pretension", self.pretension, f"at most max_tension, {self.max_tension:g} N"
