@@ -11,7 +11,7 @@ the multiplier is unknown. Force control (`by_multiplier`): the command prescrib
 transmission is not linear, as for the air of a line, q and c are those of its tangent at the present t: see
 `transmission`. Internal state, such as an amount of air, is stored in the State: see `begin`. Every actuator
 belongs to a joint of the scene. The joint's position is s, its effort is t, and its limits are those of the
-command.
+command. A group may add further rows that no joint commands, such as friction: see PassiveRows.
 
 A new kind must implement `place`, `value` and `row`; everything else has a default. Where the row turns with
 the body, it must also implement `geometric_stiffness`. Statics need it, and so do the steps of bodies whose
@@ -27,6 +27,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -36,6 +37,7 @@ from softsim_core.physics.mechanics import (
     ACTUATOR_STATE,
     COMMANDED,
     EFFORT_CHANGE,
+    PASSIVE_EFFORTS,
     Control,
     Model,
     Rows,
@@ -218,7 +220,7 @@ class Constraints(NamedTuple):
     """Constant part of the rows of c actuators.
 
     Attributes:
-        joint: Joint of each actuator, shape (c,).
+        joint: Joint of each actuator, shape (c,); none for passive rows.
         start: First entry of each row, and the end of the last row, shape (c + 1,).
         place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
         by_multiplier: Whether the command is the multiplier, shape (c,).
@@ -230,12 +232,12 @@ class Constraints(NamedTuple):
     by_multiplier: BoolArray
 
 
-class ActuatorGroup(Protocol):
-    """Actuators of one kind, evaluated together; c of them, with k entries in their rows."""
+class RowSet(Protocol):
+    """Rows of one kind, evaluated together; c of them, with k entries."""
 
     @property
     def constraints(self) -> Constraints:
-        """Constant part of their rows."""
+        """Constant part of the rows."""
         ...
 
     def values(self, model: Model, state: State) -> Array:
@@ -244,6 +246,35 @@ class ActuatorGroup(Protocol):
 
     def coefficients(self, model: Model, state: State) -> Array:
         """Return the entries of the rows H, shape (k, 3)."""
+        ...
+
+
+class PassiveRows(RowSet, Protocol):
+    """Rows that no joint commands, such as the friction along cables; m of them.
+
+    Their multipliers are in State.extra[PASSIVE_EFFORTS], their memory is in State.extra[ACTUATOR_STATE].
+    """
+
+    @property
+    def keeps(self) -> int:
+        """How many numbers of memory they have."""
+        ...
+
+    def transmissions(self, model: Model, state: State, kept: Array) -> Transmissions:
+        """Return the constraints, linearised at a state, with the memory `kept` of where the motion began."""
+        ...
+
+    def remember(self, model: Model, state: State, kept: Array) -> None:
+        """Update the memory `kept` after a motion that ended in a state."""
+        ...
+
+
+class ActuatorGroup(RowSet, Protocol):
+    """Actuators of one kind, evaluated together; c of them, with k entries in their rows."""
+
+    @property
+    def passive(self) -> PassiveRows | None:
+        """Further rows that belong to them; None: there are none."""
         ...
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
@@ -279,6 +310,8 @@ class ActuatorGroup(Protocol):
 
 class PlainGroup:
     """Actuators evaluated in NumPy, one after the other."""
+
+    passive: PassiveRows | None = None
 
     def __init__(self, actuators: Sequence[Actuator]) -> None:
         self._actuators = tuple(actuators)
@@ -346,7 +379,7 @@ class PlainGroup:
 
 
 class Actuators:
-    """All actuators that constrain a model, group after group.
+    """All actuators that constrain a model, group after group, then their passive rows.
 
     The drives of joints with a frame are not included: their rows are unit vectors, which the step adds to
     its matrix instead; see joint_drive.
@@ -356,8 +389,8 @@ class Actuators:
 
     Attributes:
         groups: The groups.
-        constraints: Constant part of all rows.
-        joint: Joint of each actuator, shape (c,).
+        constraints: Constant part of all c rows.
+        joint: Joint of each actuator, shape (a,); these rows come first.
         multiplied: Joints commanded by a multiplier.
         internal_size: How many numbers of internal state they have in all, in State.extra[ACTUATOR_STATE].
         paced: Joints with a command that drives the coordinate: a multiplier, or the volume of a pump.
@@ -365,8 +398,9 @@ class Actuators:
 
     def __init__(self, groups: Sequence[ActuatorGroup] = ()) -> None:
         self.groups = tuple(groups)
-        parts = [group.constraints for group in self.groups]
-        self._rows = np.concatenate([[0], np.cumsum([len(part.joint) for part in parts])]).astype(int)
+        self._passive = [group.passive for group in self.groups if group.passive is not None]
+        parts = [rows.constraints for rows in (*self.groups, *self._passive)]
+        self._rows = np.concatenate([[0], np.cumsum([len(part.start) - 1 for part in parts])]).astype(int)
         self._entries = np.concatenate([[0], np.cumsum([len(part.place) for part in parts])]).astype(int)
         index = np.zeros(0, np.int64)
         starts = [part.start[:-1] + end for part, end in zip(parts, self._entries[:-1], strict=True)]
@@ -378,78 +412,124 @@ class Actuators:
         )
         self.joint = self.constraints.joint
         self._none = Transmissions(*np.zeros((5, 0)))
-        self.multiplied: IndexArray = self.joint[self.constraints.by_multiplier]
+        self.multiplied: IndexArray = self.joint[self.constraints.by_multiplier[: len(self.joint)]]
         first = self._rows.tolist()
         keeping = [(first[g] + c, each) for g, group in enumerate(self.groups) for c, each in group.keeping()]
-        ends = np.cumsum([0, *(each.keeps for _, each in keeping)]).tolist()
+        kept = [each.keeps for _, each in keeping] + [each.keeps for each in self._passive]
+        ends = np.cumsum([0, *kept]).tolist()
         self.internal_size: int = ends[-1]
         self._keeping = [
             (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)
         ]  # row, actuator, its part of the internal state
+        self._remembering = [
+            (each, slice(*ends[k : k + 2])) for k, each in enumerate(self._passive, start=len(keeping))
+        ]  # passive rows, their part of it
         self.paced: IndexArray = np.union1d(self.multiplied, self.joint[[row for row, _ in keeping]])
 
     def __len__(self) -> int:
-        return len(self.joint)
+        return len(self.constraints.start) - 1
+
+    @property
+    def passive_size(self) -> int:
+        """Number of passive rows."""
+        return len(self) - len(self.joint)
 
     def spans(self) -> list[tuple[ActuatorGroup, slice, slice]]:
         """Return each group with its rows and its entries among all of them."""
+        return [
+            (group, rows, entries)
+            for group, (rows, entries) in zip(self.groups, self._slices(), strict=False)
+        ]
+
+    def passive_spans(self) -> list[tuple[PassiveRows, slice, slice]]:
+        """Return each set of passive rows with its rows and its entries among all of them."""
+        return [
+            (rows, *slices)
+            for rows, slices in zip(self._passive, self._slices()[len(self.groups) :], strict=True)
+        ]
+
+    def _slices(self) -> list[tuple[slice, slice]]:
         rows, entries = self._rows.tolist(), self._entries.tolist()
         return [
-            (group, slice(rows[g], rows[g + 1]), slice(entries[g], entries[g + 1]))
-            for g, group in enumerate(self.groups)
+            (slice(*both), slice(*of)) for both, of in zip(pairwise(rows), pairwise(entries), strict=True)
         ]
 
     def values(self, model: Model, state: State) -> Array:
-        """Return the coordinates s of all actuators, shape (c,)."""
-        return np.concatenate([np.zeros(0), *(group.values(model, state) for group in self.groups)])
+        """Return the coordinates s of all rows, shape (c,)."""
+        every = (*self.groups, *self._passive)
+        return np.concatenate([np.zeros(0), *(rows.values(model, state) for rows in every)])
 
     def rows(self, model: Model, state: State) -> Rows:
-        """Return H = ds/dx of all actuators on nodes, frames and joints."""
-        parts = [group.coefficients(model, state) for group in self.groups]
+        """Return H = ds/dx of all rows on nodes, frames and joints."""
+        parts = [rows.coefficients(model, state) for rows in (*self.groups, *self._passive)]
         coefficient = np.concatenate([np.zeros((0, 3)), *parts])
         return Rows(self.constraints.start, self.constraints.place, coefficient)
 
-    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """Return all constraints at rest under commands (c,), linearised at multipliers (c,)."""
+    def multipliers(self, state: State) -> Array:
+        """Return the multipliers t of all rows, shape (c,)."""
+        own = state.joint_efforts[self.joint]
+        return np.append(own, state.extra[PASSIVE_EFFORTS]) if self._passive else np.asarray(own)
+
+    def set_multipliers(self, state: State, multipliers: Array) -> None:
+        """Write the multipliers of all rows (c,) into a state."""
+        count = len(self.joint)
+        state.joint_efforts[self.joint] = multipliers[:count]
+        if self._passive:
+            state.extra[PASSIVE_EFFORTS][:] = multipliers[count:]
+
+    def transmissions(self, model: Model, state: State, commands: Array) -> Transmissions:
+        """Return all constraints (c,) at rest under commands (a,), linearised at a state."""
         if not self.groups:
             return self._none
-        if len(self.groups) == 1:
-            return self.groups[0].transmissions(commands, multipliers)
+        multipliers = state.joint_efforts[self.joint]
         parts = [group.transmissions(commands[rows], multipliers[rows]) for group, rows, _ in self.spans()]
+        parts += [
+            rows.transmissions(model, state, state.extra[ACTUATOR_STATE][part])
+            for rows, part in self._remembering
+        ]
+        if len(parts) == 1:
+            return parts[0]
         return Transmissions(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
-        """Return the commands (c,) under which all rest at coordinates (c,) with multipliers (c,)."""
+        """Return the commands (a,) under which all rest at coordinates (c,) with multipliers (c,)."""
         parts = [group.commands_of(values[rows], multipliers[rows]) for group, rows, _ in self.spans()]
         return np.concatenate([np.zeros(0), *parts])
 
-    def transmissions_of_step(self, state: State, control: Control) -> Transmissions:
-        """Return the constraints of all actuators in a step: the control's, else those of the targets."""
+    def transmissions_of_step(self, state: State, control: Control, model: Model) -> Transmissions:
+        """Return the constraints of all rows in a step: the control's, else those of the targets."""
         if control.transmissions is not None:
             return control.transmissions
-        return self.transmissions(control.targets[self.joint], state.joint_efforts[self.joint])
+        return self.transmissions(model, state, control.targets[self.joint])
 
-    def begin(self, state: State, commands: Array, span: float) -> Transmissions:
-        """Return all constraints of a step of `span` [s] from a state, under the commands of joints (j,)."""
-        own = commands[self.joint]
-        result = self.transmissions(own, state.joint_efforts[self.joint])
+    def begin(self, model: Model, state: State, commands: Array) -> Transmissions:
+        """Return all constraints of a step of the model from a state, under the commands of joints (j,)."""
+        own, span = commands[self.joint], model.dt
+        result = self.transmissions(model, state, own)
         for row, actuator, part in self._keeping:
             found = actuator.begin(state, state.extra[ACTUATOR_STATE][part], float(own[row]), span)
             for array, value in zip(result, found, strict=True):
                 array[row] = value
         return result
 
-    def end(self, state: State, commands: Array, span: float) -> None:
-        """Update internal state after a step of `span` [s] that ended in a state, under commands (j,)."""
+    def end(self, model: Model, state: State, commands: Array) -> None:
+        """Update internal state after a step of the model that ended in a state, under commands (j,)."""
         for row, actuator, part in self._keeping:
-            actuator.end(state, state.extra[ACTUATOR_STATE][part], float(commands[self.joint[row]]), span)
+            command = float(commands[self.joint[row]])
+            actuator.end(state, state.extra[ACTUATOR_STATE][part], command, model.dt)
+        self._remember(model, state)
 
-    def settle(self, state: State, commands: Array) -> None:
+    def settle(self, model: Model, state: State, commands: Array) -> None:
         """Set internal state to that of a state at rest under the commands of all joints (j,)."""
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:], state.extra[EFFORT_CHANGE][:] = commands, 0.0
         for row, actuator, part in self._keeping:
             actuator.settle(state, state.extra[ACTUATOR_STATE][part], float(commands[self.joint[row]]))
+        self._remember(model, state)
+
+    def _remember(self, model: Model, state: State) -> None:
+        for rows, part in self._remembering:
+            rows.remember(model, state, state.extra[ACTUATOR_STATE][part])
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
@@ -488,15 +568,15 @@ class Actuators:
     def measure(self, model: Model, state: State) -> None:
         """Write the actual coordinates s, not the commands, as positions of their joints."""
         if len(self):
-            state.joint_positions[self.joint] = self.values(model, state)
+            state.joint_positions[self.joint] = self.values(model, state)[: len(self.joint)]
 
     def report(self, model: Model, state: State, before: Array, multipliers: Array) -> None:
         """Write multipliers (c,), coordinates, and their rates since `before` (c,), one step ago."""
         if len(self):
-            state.joint_efforts[self.joint] = multipliers
+            self.set_multipliers(state, multipliers)
             self.measure(model, state)
             first = len(state.reduced_velocities) - len(state.joint_positions)
-            moved = state.joint_positions[self.joint] - before
+            moved = state.joint_positions[self.joint] - before[: len(self.joint)]
             state.reduced_velocities[first + self.joint] = moved / model.dt
 
 

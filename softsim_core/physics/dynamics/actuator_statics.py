@@ -8,6 +8,7 @@ actuation.actuators):
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,9 @@ from softsim_core.physics.mechanics import (
     no_rows,
     sparse_rows,
 )
+
+MOST_ROUNDS, SETTLED = 30, 1e-13
+"""Rounds in which multipliers and the laws that depend on them are solved, and their last relative change."""
 
 SAME = 1e-6
 """Share of its own compliance added to each actuator's, so that the system is regular.
@@ -62,23 +66,39 @@ def on_nodes(model: Model, geometric: GeometricStiffness) -> sp.csr_matrix:
 
 
 class ActuatedFactors:
-    """Factors of T, and the compliance of the actuators' rows computed with them."""
+    """Factors of T, and the compliance of the actuators' rows computed with them.
+
+    Args:
+        factors: The factors.
+        rows: H of all c rows on the solved unknowns.
+        laws: Returns the transmissions at this state if the multipliers were (c,).
+        depends: Whether these depend on the multipliers, as friction does on tensions.
+    """
 
     def __init__(
-        self, factors: Factors, rows: sp.csr_matrix, compliance: Array, bounds: tuple[Array, Array]
+        self, factors: Factors, rows: sp.csr_matrix, laws: Callable[[Array], Transmissions], depends: bool
     ) -> None:
         self.positive = factors.positive
-        self._factors, self._rows, self._bounds = factors, rows.toarray(), bounds
+        self._factors, self._rows, self._laws = factors, rows.toarray(), laws
+        self._rounds = MOST_ROUNDS if depends else 1
         self._answer = factors.solve(self._rows.T)
-        self._compliance = self._rows @ self._answer + np.diag(compliance)
+        self._response = self._rows @ self._answer
 
     def solve(self, residual: Array, violations: Array, multipliers: Array) -> tuple[Array, Array]:
         """Return the step of the solved unknowns, and that of the multipliers (c,)."""
-        lower, upper = self._bounds
         free = self._factors.solve(residual)
-        violations = violations + self._rows @ free - self._compliance @ multipliers
-        change = solve_bounded(self._compliance, violations, lower, upper) - multipliers
-        return free + self._answer @ change, change
+        start = violations + self._rows @ free - self._response @ multipliers
+        first = law = self._laws(multipliers)
+        start += first.command - first.compliance * multipliers
+        before = multipliers
+        for _ in range(self._rounds):
+            found = solve_bounded(
+                self._response + np.diag(law.compliance), start - law.command, law.lower, law.upper
+            )
+            if not np.abs(found - before).max() > SETTLED * np.abs(found).max():
+                break
+            before, law = found, self._laws(found)
+        return free + self._answer @ (found - multipliers), found - multipliers
 
 
 def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, forces: Array) -> Array:
@@ -98,7 +118,8 @@ def condense_tangent(
     """Return the static tangent with free nodes and actuators eliminated, and the response on `rows`.
 
     Drives and the turning of the loads (weight and `forces` (n, 3) in [N]) are included; actuators keep their
-    coordinates, at a bound or not, and their joints stand for what is commanded. With S, Z and W of
+    coordinates, at a bound or not, and their joints stand for what is commanded. Passive rows keep their
+    forces, as where a cable slides. With S, Z and W of
     StaticTangent.condense, h the rows that hold (s - q, and those of geometric stiffness w) and D = diag(c,
     1 / w), each of the three loses what h takes:
 
@@ -113,7 +134,7 @@ def condense_tangent(
     model, actuators = stepper.model, stepper.actuators
     if not len(actuators):
         return stepper.static_tangent(state, parameters, forces).condense(rows)
-    multipliers = state.joint_efforts[actuators.joint]
+    multipliers = actuators.multipliers(state)
     pulling = actuators.rows(model, state)
     loads = forces + distribute(pulling, multipliers, len(model.rest), model.reduced_size)[0]
     pressed = actuators.surface_stiffness(state, multipliers)
@@ -122,8 +143,8 @@ def condense_tangent(
     if pressed and not within:
         tangent = stepper.static_tangent(state, parameters, loads)
     geometric = actuators.geometric_stiffness(model, state, multipliers, without_surfaces=within)
-    transmissions = _transmissions_at(stepper, state)
-    by_multiplier = actuators.constraints.by_multiplier
+    transmissions, pulling = _transmissions_at(stepper, state), _first_rows(pulling, len(actuators.joint))
+    by_multiplier = actuators.constraints.by_multiplier[: pulling.height]
     gain = np.where(by_multiplier, 0.0, transmissions.gain)
     own = [_less_command(model, actuators, pulling, gain), geometric.rows]
     before = sum(each.height for each in own)
@@ -165,9 +186,9 @@ def command_gains(stepper: Stepper, state: State) -> Array:
 def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Array, BoolArray]:
     """Return commands (j,) without the slack of actuators, and which joints have one-sided actuators (j,)."""
     actuators, transmissions = stepper.actuators, _transmissions_at(stepper, state)
-    efforts = state.joint_efforts[actuators.joint]
-    one_sided = (transmissions.lower >= 0.0) & ~actuators.constraints.by_multiplier
-    slack = one_sided & (efforts <= 0.0)
+    count, efforts = len(actuators.joint), actuators.multipliers(state)
+    one_sided = (transmissions.lower >= 0.0) & ~actuators.constraints.by_multiplier[:count]
+    slack = one_sided & (efforts[:count] <= 0.0)
     taut, pulls = commands.copy(), np.zeros(len(commands), dtype=np.bool_)
     taut[actuators.joint[slack]] = actuators.commands_of(actuators.values(stepper.model, state), efforts)[
         slack
@@ -177,10 +198,17 @@ def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Arra
 
 
 def _transmissions_at(stepper: Stepper, state: State) -> Transmissions:
-    """Return the transmissions of the actuators at a state, as if it were at rest."""
-    actuators, multipliers = stepper.actuators, state.joint_efforts[stepper.actuators.joint]
-    values = actuators.values(stepper.model, state)
-    return actuators.transmissions(actuators.commands_of(values, multipliers), multipliers)
+    """Return the transmissions of the actuators, without passive rows, at a state, as if it were at rest."""
+    actuators, model = stepper.actuators, stepper.model
+    commands = actuators.commands_of(actuators.values(model, state), actuators.multipliers(state))
+    every = actuators.transmissions(model, state, commands)
+    return Transmissions(*(each[: len(commands)] for each in every))
+
+
+def _first_rows(rows: Rows, count: int) -> Rows:
+    """Return the first `count` rows."""
+    last = rows.start[count]
+    return Rows(rows.start[: count + 1], rows.place[:last], rows.coefficient[:last])
 
 
 def _less_command(model: Model, actuators: Actuators, rows: Rows, gain: Array) -> Rows:

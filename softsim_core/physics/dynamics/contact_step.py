@@ -277,17 +277,17 @@ class ContactPhase:
         reaches = len(rows.place) > 0  # some contacts act on more than rigid bodies
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(on_rigid),) * 2)
-        transmissions = self.actuators.transmissions_of_step(before, motion.control)
+        transmissions = self.actuators.transmissions_of_step(before, motion.control, model)
         if reaches:
             compliance = h * h * motion.compliance(rows)
             np.einsum("ii->i", compliance)[:acting] += transmissions.compliance[:acting]
         moves = model.rigid.response(before, on_rigid)
         compliance[acting:, acting:] += h * h * (moves @ on_rigid.T)
         watch.mark("compliance")
-        multipliers = state.joint_efforts[self.actuators.joint][:acting]
+        multipliers = self.actuators.multipliers(state)[:acting]
         gap = np.append(motion.violations[:acting], touching.gap[pressing])
         gap -= compliance[:, :acting] @ multipliers
-        first = np.append(before.joint_efforts[self.actuators.joint][:acting], warm_forces[pressing])
+        first = np.append(self.actuators.multipliers(before)[:acting], warm_forces[pressing])
         friction = touching.friction[pressing]
         wrong = np.zeros_like(gap)  # error of the approximate compliance in each row
         for _ in range(MOST_ROUNDS):

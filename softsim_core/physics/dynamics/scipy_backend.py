@@ -82,7 +82,7 @@ class ScipyStepper:
         before, moved = state.positions.copy(), state.extra.get(MOVED)
         pressed = []
         if moved is not None:
-            pressed = self.actuators.surface_stiffness(state, state.joint_efforts[self.actuators.joint])
+            pressed = self.actuators.surface_stiffness(state, self.actuators.multipliers(state))
         matrix, rhs, mapping = self.system(state, control, parameters, moved, pressed)
         assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
@@ -144,7 +144,7 @@ class ScipyStepper:
         )
         if not len(actuators):
             return np.zeros(at.size)
-        transmissions = actuators.transmissions_of_step(state, control)
+        transmissions = actuators.transmissions_of_step(state, control, model)
         solved.values, solved.rows = actuators.values(model, state), actuators.rows(model, state)
         spread = solved.spread(model, at, solved.rows)
         after = change.copy()
@@ -246,7 +246,7 @@ class ScipyStepper:
         matrix = mapping.T @ full @ mapping + diagonal_matrix(diagonal)
         if moved is not None and len(self.actuators):
             geometric = self.actuators.geometric_stiffness(
-                model, state, state.joint_efforts[self.actuators.joint], without_surfaces=True
+                model, state, self.actuators.multipliers(state), without_surfaces=True
             )
             rows = rows_on_unknowns(model, at, mapping, geometric.rows)
             weight = h * lag * np.maximum(geometric.weight, 0.0)

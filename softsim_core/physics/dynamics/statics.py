@@ -68,6 +68,7 @@ from softsim_core.physics.mechanics import (
     Parameters,
     RigidRegion,
     State,
+    Transmissions,
     distribute,
     join_rows,
     nearest_rotation,
@@ -462,9 +463,9 @@ class StaticProblem:
         residual = self._residual(state, 1.0)[0]
         multipliers = self._multipliers(state)
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
-        state.joint_efforts[self.actuators.joint] = multipliers
+        self.actuators.set_multipliers(state, multipliers)
         self.actuators.measure(self.model, state)
-        self.actuators.settle(state, self.control.targets)
+        self.actuators.settle(self.model, state, self.control.targets)
         spring = self.at.drive * (self.control.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
         return self._measure_imbalance(residual)
@@ -530,7 +531,7 @@ class StaticProblem:
             rows = actuators.rows(model, state)
             pulls, turns = distribute(rows, multipliers, len(model.rest), model.reduced_size)
             residual[at.first_reduced : at.size] = turns
-            transmissions = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
+            transmissions = actuators.transmissions(model, state, state.joint_positions[actuators.joint])
             residual[at.size :] = actuators.values(model, state) - transmissions.command
             residual[at.size :] += transmissions.compliance * multipliers
         residual[: at.size] += generalised_forces(model, at, state, forces + pulls)
@@ -556,7 +557,7 @@ class StaticProblem:
 
     def _multipliers(self, state: State) -> Array:
         """Return the multipliers of the actuators, shape (c,)."""
-        return np.asarray(state.joint_efforts[self.actuators.joint])
+        return self.actuators.multipliers(state)
 
     def _factors(self, state: State, forces: Array, fraction: float, stiffness: sp.csr_matrix) -> Any:
         """Return the factorised tangent of the residual on the solved unknowns; see `node_stiffness`."""
@@ -573,14 +574,15 @@ class StaticProblem:
             factors = self.matrices.factor(matrix[at.solved][:, at.solved])
             if not self.constrained:
                 return factors
-            commands = self._targets(fraction)[self.actuators.joint]
-            transmissions = self.actuators.transmissions(commands, self._multipliers(state))
-            return ActuatedFactors(
-                factors,
-                spread[: self.constrained, at.solved],
-                transmissions.compliance,
-                (transmissions.lower, transmissions.upper),
-            )
+            commands, actuators = self._targets(fraction)[self.actuators.joint], self.actuators
+            here = _copy(self.model, state)
+
+            def laws(multipliers: Array) -> Transmissions:
+                actuators.set_multipliers(here, multipliers)
+                return actuators.transmissions(self.model, here, commands)
+
+            on_solved = spread[: self.constrained, at.solved]
+            return ActuatedFactors(factors, on_solved, laws, actuators.passive_size > 0)
         except FactorisationError:
             residual = self._residual(state, fraction)[0]
             raise self._failure(SINGULAR, fraction, residual) from None
@@ -623,7 +625,7 @@ class StaticProblem:
         self.model.displace(state, step[:first].reshape(-1, 3), step[first : self.at.size])
         if turning and len(self.at.free):
             state.positions[self.at.free] += self._rotating_steps.correction(before, state.positions)
-        state.joint_efforts[self.actuators.joint] += step[self.at.size :]
+        self.actuators.set_multipliers(state, self._multipliers(state) + step[self.at.size :])
 
     def _size(self, step: Array) -> float:
         """Return the largest displacement of a step in [m]; NaN counts as infinite."""

@@ -108,7 +108,7 @@ class Phases:
         """Return the control with what actuators with internal state exert during the step."""
         if not self.actuators.internal_size:
             return control
-        transmissions = self.actuators.begin(state, control.targets, self.model.dt)
+        transmissions = self.actuators.begin(self.model, state, control.targets)
         return replace(control, transmissions=transmissions)
 
     def solvers(self, state: State) -> Iterator[Newton]:
@@ -196,7 +196,7 @@ class TimeStep:
                     if not math.isfinite(report.top_speed):
                         break
                 phases.memory.end(state, parameters)
-                phases.actuators.end(state, inputs.targets, phases.model.dt)
+                phases.actuators.end(phases.model, state, inputs.targets)
                 parts.times.append(report.times)
                 failed = phases.contacts.failed or self._strains.is_rough(phases.start, state)
                 accepted = depth == self._deepest or not failed

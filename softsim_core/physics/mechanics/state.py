@@ -119,6 +119,9 @@ EFFORT_CHANGE = "effort_change"
 ACTUATOR_STATE = "actuators"
 """Name in State.extra of the stored values of all actuators, joined, shape (k,)."""
 
+PASSIVE_EFFORTS = "passive_efforts"
+"""Name in State.extra of the multipliers of the actuators' passive rows, shape (m,)."""
+
 
 def memory_name(group: int) -> str:
     """Return the name in State.extra of the memory of a relaxing law's cells; see fem.prony."""

@@ -35,6 +35,7 @@ from softsim_core.physics.mechanics import (
     FREE,
     HOLDING,
     MOVED,
+    PASSIVE_EFFORTS,
     REDUCED_ACCELERATION,
     Carrier,
     Joint,
@@ -173,6 +174,8 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
         shapes |= {COMMANDED: (len(model.joints),), EFFORT_CHANGE: (len(model.joints),)}
     if acting.internal_size:
         shapes[ACTUATOR_STATE] = (acting.internal_size,)
+    if acting.passive_size:
+        shapes[PASSIVE_EFFORTS] = (acting.passive_size,)
     for k, group in enumerate(model.groups):
         if isinstance(group.material, Relaxing):
             shapes[memory_name(k)] = memory_shape(group)

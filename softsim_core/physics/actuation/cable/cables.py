@@ -1,17 +1,18 @@
-"""Cables: frictionless lines through points of a body, pulled at one end.
+"""Cables: lines through points of a body, pulled at one end.
 
 The length L is the sum of the straight segments. The coordinate s = L0 - L, the cable displacement, is the
 shortening relative to the rest length. Its row is H = ds/dx = -dL/dx: at each point the unit vectors towards
 both neighbours, so that one tension acts in all segments. A pull-only cable enforces s >= the commanded
 displacement, with a tension >= 0 that is zero where the cable is slack. A cable that stretches by c per
-tension t, from its pretension t0, enforces s + c (t - t0) in place of s.
+tension t, from its pretension t0, enforces s + c (t - t0) in place of s. With friction, t is the tension of
+the first segment; what it loses at the points is in rows of their own, see guides.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from softsim_core.physics.actuation import (
     no_geometric_stiffness,
 )
 from softsim_core.physics.actuation.cable.description import CableDescription
+from softsim_core.physics.actuation.cable.guides import Guides, build_guides
 from softsim_core.physics.mechanics import Model, Rows, State, Transmissions
 
 IN_BODY, IN_WORLD = -2, -1
@@ -133,13 +135,15 @@ class CableView(ActuatorView):
 
     Attributes:
         length: Length in [m].
+        tensions: Tension of each segment between its points in [N], shape (k - 1,); see `tension`.
     """
 
     length: float = 0.0
+    tensions: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def tension(self) -> float:
-        """Tension in [N]."""
+        """Tension at the pulled end in [N]."""
         return self.multiplier
 
     @property
@@ -172,6 +176,7 @@ class Cables:
         compliance: Stretch per tension in [m/N], shape (c,).
         stretch: Stretch by the pretension in [m], shape (c,).
         layout: Constant part of their rows.
+        passive: Friction at their points; None: they slide without friction.
         any_by_force: Whether any cable is commanded by a tension.
     """
 
@@ -188,6 +193,7 @@ class Cables:
     compliance: Array
     stretch: Array
     layout: RowLayout
+    passive: Guides | None = None
     any_by_force: bool = field(init=False)
 
     def __post_init__(self) -> None:
@@ -270,6 +276,17 @@ class Cables:
         arms = points[self.layout.lever_points] - motion.origin[k]
         return np.cross(motion.angular[k], arms) + motion.linear[k]
 
+    def tensions(self, state: State, multipliers: Array) -> Array:
+        """Return the tension of the segment after each point in [N], 0 between cables, shape (p - 1,).
+
+        `multipliers` (c,) are the tensions of the first segments.
+        """
+        tension = np.repeat(multipliers, np.diff(self.first))[:-1]
+        tension[self.first[1:-1] - 1] = 0.0
+        if self.passive is not None:
+            tension += self.passive.tension_changes(state)
+        return np.asarray(tension)
+
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
@@ -280,8 +297,7 @@ class Cables:
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
-        tension = np.repeat(multipliers, np.diff(self.first))[:-1]  # of the segment after each point
-        tension[self.first[1:-1] - 1] = 0.0  # between two cables
+        tension = self.tensions(state, multipliers)
         taut = np.flatnonzero(tension * length)
         turning = self._turning(model, state, points, multipliers)
         entries = list(self._across(model, state, points, taut, unit[taut]))
@@ -352,6 +368,7 @@ class Cables:
         """Return the visible state of each cable at tensions (c,) in [N]."""
         points = self.points(model, state)
         lengths, outside = self.lengths(points), {point for point, _, _ in self.pull}
+        tensions = self.tensions(state, multipliers)
         return tuple(
             CableView(
                 name=name,
@@ -361,6 +378,7 @@ class Cables:
                 multiplier=float(multipliers[c]),
                 pulled_from_outside=int(self.first[c]) in outside,
                 length=float(lengths[c]),
+                tensions=tensions[self.first[c] : self.first[c + 1] - 1],
             )
             for c, name in enumerate(self.names)
         )
@@ -448,7 +466,8 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     result.rest_length[~defined] = lengths[~defined]
     result.compliance[:] += result.rest_length / [each.axial_stiffness or np.inf for each in descriptions]
     result.stretch[:] = result.compliance * [each.pretension for each in descriptions]
-    return result
+    _, segments = result.directions(result.points(model, start))
+    return replace(result, passive=build_guides(result, descriptions, segments))
 
 
 CABLE: Final[ActuatorKind] = ActuatorKind("cable", CableDescription, build_cables)

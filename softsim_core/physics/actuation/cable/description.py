@@ -85,7 +85,7 @@ def _format_value(value: Any) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CableDescription(ActuatorDescription):
-    """Cable that a joint of kind "cable" pulls; it slides without friction through points of a body.
+    """Cable that a joint of kind "cable" pulls; it slides through points of a body.
 
     Its coordinate is the cable displacement: the shortening relative to its rest length, in [m]. Commands are
     displacements or tensions, see `control`. The joint's position is the actual displacement, which differs
@@ -113,6 +113,11 @@ class CableDescription(ActuatorDescription):
             between the pull point and the winch, or of a spring, >= 0.
         pretension: Tension in [N] at displacement 0 under the command 0, >= 0; only of cables that stretch
             and are not commanded by tension.
+        friction: Coefficient of friction at the points between the ends, >= 0: a cable that slides over a
+            point where it turns by an angle a loses the share 1 - exp(-friction a) of its tension there.
+        friction_per_length: Share of the tension lost per length in [1/m], >= 0, as in a narrow channel.
+        presliding: Motion in [m], > 0, in which friction grows from zero to that of sliding; a reversal takes
+            twice as long.
     """
 
     kind: ClassVar[str] = "cable"
@@ -129,6 +134,9 @@ class CableDescription(ActuatorDescription):
     axial_stiffness: float | None = None
     compliance: float = 0.0
     pretension: float = 0.0
+    friction: float = 0.0
+    friction_per_length: float = 0.0
+    presliding: float = 1e-4
 
     def __post_init__(self) -> None:
         if self.group is not None:
@@ -146,10 +154,15 @@ class CableDescription(ActuatorDescription):
             need_finite("cable", "pull_point", self.pull_point)
         if self.pull_on is not None and self.pull_point is None:
             raise SceneError("cable: pull_on needs a pull_point; give one or remove pull_on")
-        for name, unit in (("max_tension", "N"), ("rest_length", "m"), ("axial_stiffness", "N")):
+        units = {"max_tension": "N", "rest_length": "m", "axial_stiffness": "N", "presliding": "m"}
+        for name, unit in units.items():
             value = getattr(self, name)
             if value is not None:
                 need_positive("cable", name, value, unit)
+        need_not_negative("cable", "friction", self.friction, "")
+        need_not_negative("cable", "friction_per_length", self.friction_per_length, "1/m")
+        if not self.pull_only and (self.friction or self.friction_per_length):
+            raise SceneError("cable: friction is for cables that only pull; remove it or pull_only: false")
         need_not_negative("cable", "compliance", self.compliance, "m/N")
         need_not_negative("cable", "pretension", self.pretension, "N")
         if self.pretension > 0.0 and self.axial_stiffness is None and self.compliance == 0.0:

@@ -285,7 +285,7 @@ def add_rows(
     Also predict each coordinate after h at the present velocities in rows.violation. `work` must have the
     motion subspace of the reduced coordinates.
     """
-    count = len(rows.joint)
+    count = len(rows.value)
     if count == 0:
         return
     measure_rows(motion, rows, kinds, work)
@@ -416,17 +416,16 @@ def _reduce_entry(
 
 @kernel
 def hold_rows(
-    h: float, targets: Array, lower: Array, upper: Array, change: Array, size: int, rows: ActuatorRows,
-    matrix: Array,
-) -> None:  # fmt: skip
+    h: float, lower: Array, upper: Array, change: Array, size: int, rows: ActuatorRows, matrix: Array
+) -> None:
     """Solve for the multipliers within their bounds (c,), and write their effect into change[size:].
 
     `matrix` is the result of eliminate_reduced; rows.violation becomes s - q + c t at the end of the step.
     """
-    count = len(rows.joint)
+    count = len(rows.value)
     total = size + count
     for c in range(count):
-        rows.violation[c] -= targets[rows.joint[c]] + h * matrix[size + c, total]
+        rows.violation[c] -= rows.command[c] + h * matrix[size + c, total]
         for d in range(count):
             rows.response[c, d] = -h * h * matrix[size + min(c, d), size + max(c, d)]
         rows.response[c, c] += rows.compliance[c]
@@ -442,9 +441,9 @@ def report_rows(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKin
     """Write multipliers as joint efforts, and the compiled kinds' values and rates as those of joints."""
     if len(rows.joint) == 0:
         return
+    rows.before[:] = rows.value
     for c in range(len(rows.joint)):
         motion.joint_efforts[rows.joint[c]] = rows.multiplier[c]
-        rows.before[c] = rows.value[c]
     report_values(h, motion, rows, kinds, work)
 
 

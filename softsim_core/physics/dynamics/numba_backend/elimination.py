@@ -131,7 +131,7 @@ def finish(inputs: StepInputs, acting: Acting | None, arrays: StepArrays) -> flo
             change[first + acting.rows.joint[c]] = 0.0  # an actuator's joint moves no frame
     eliminate_reduced(work.factor.schur, prescribed, change, work.scratch)
     if acting is not None:
-        hold_rows(h, targets, inputs.lower, inputs.upper, change, size, acting.rows, work.scratch)
+        hold_rows(h, inputs.lower, inputs.upper, change, size, acting.rows, work.scratch)
     solve_reduced(prescribed, change, work.scratch)
     solve_backward(tree, work.factor)
     speed, finite = 0.0, True

@@ -171,7 +171,7 @@ class ActuatorRows(NamedTuple):
 
     Attributes:
         joint, start, place: See actuation.actuators.Constraints.
-        compliance: c of this step, shape (c,).
+        command, compliance: q and c of this step, shapes (c,).
         compiled: Number of rows that compiled kernels evaluate, shape (1,).
         coefficient: Entries of the rows, shape (k, 3).
         value: Coordinates s, shape (c,).
@@ -184,6 +184,7 @@ class ActuatorRows(NamedTuple):
     joint: IndexArray
     start: IndexArray
     place: IndexArray
+    command: Array
     compliance: Array
     compiled: IndexArray
     coefficient: Array

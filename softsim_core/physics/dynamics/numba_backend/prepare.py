@@ -72,7 +72,7 @@ def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
     taut_edges, taut_beside = _find_taut_couplings(model, actuators, local)
     edges = np.concatenate([edges, taut_edges])
     beside = np.concatenate([beside, _find_actuator_couplings(model, rows, local), taut_beside])
-    reduced_size = model.reduced_size + len(rows.joint)
+    reduced_size = model.reduced_size + len(actuators)
     layout = lay_out(len(model.free_nodes), edges, beside, reduced_size)
     nodes = _nodes(model, layout, reduced_size)
     work = _work(model, layout, reduced_size)
@@ -137,7 +137,7 @@ def shares_plan(one: Model, other: Model) -> bool:
 
 def _find_actuator_couplings(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     """Return pairs (free node, reduced coordinate of the actuator with that node in its row)."""
-    owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
+    owner = np.repeat(np.arange(len(rows.value)), np.diff(rows.start))
     on_node = rows.place < len(model.rest)
     pairs = np.stack([local[rows.place[on_node]], model.reduced_size + owner[on_node]], axis=1)
     return unique_pairs(pairs[pairs[:, 0] >= 0])
@@ -171,7 +171,8 @@ def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
         joint=constraints.joint,
         start=constraints.start,
         place=constraints.place,
-        compliance=np.zeros(len(constraints.joint)),
+        command=np.zeros(count),
+        compliance=np.zeros(count),
         compiled=np.array([compiled]),
         coefficient=np.zeros((len(constraints.place), 3)),
         value=np.zeros(count),

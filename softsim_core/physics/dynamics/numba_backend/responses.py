@@ -265,10 +265,9 @@ class Responses:
             reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
             state.joint_efforts[prescribed] += reaction[prescribed]
             state.joint_efforts -= data.kinematics.stiffness * (state.joint_positions - free)
-            state.joint_efforts[self.actuators.joint] = data.rows.multiplier + impulses[:acting] / model.dt
+            self.actuators.set_multipliers(state, data.rows.multiplier + impulses[:acting] / model.dt)
         if self._plain:
-            multipliers = state.joint_efforts[self.actuators.joint]
-            self.actuators.report(model, state, data.rows.before, multipliers)
+            self.actuators.report(model, state, data.rows.before, self.actuators.multipliers(state))
         return float(speed)
 
     def condense(self, rows: Rows, motion: Motion) -> Condensed:

@@ -138,7 +138,8 @@ class NumbaStepper:
         )
         self._factoring: NumbaStepper | None = None  # never itself: a cycle would outlive its user
         self._prepared = self._elimination.prepared
-        self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
+        every = (*actuators.spans(), *actuators.passive_spans())
+        self._plain = [each for each in every if each[1].start >= self._prepared.rows.compiled[0]]
         self._soft = bool(model.spring.any())
         self._turning = FreeTurning(model)
         self._weight = model.weight
@@ -159,7 +160,7 @@ class NumbaStepper:
             return self._step(state, control, parameters)
         before = self._start
         before.copy_from(state)
-        pressed = self.actuators.surface_stiffness(state, state.joint_efforts[self.actuators.joint])
+        pressed = self.actuators.surface_stiffness(state, self.actuators.multipliers(state))
         report = self._step(state, control, parameters, moved, pressed)
         if not report.positive and pressed:
             state.copy_from(before)
@@ -194,20 +195,15 @@ class NumbaStepper:
         if model.coupling is not None:
             external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             data.cells.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
-        targets, transmissions = control.targets, self.actuators.transmissions_of_step(state, control)
-        if len(self.actuators):
-            targets = targets.copy()
-            targets[data.rows.joint], data.rows.compliance[:] = (
-                transmissions.command,
-                transmissions.compliance,
-            )
-        for group, own, entries in self._plain:
-            data.rows.value[own] = group.values(model, state)
-            data.rows.coefficient[entries] = group.coefficients(model, state)
+        transmissions = self.actuators.transmissions_of_step(state, control, model)
+        data.rows.command[:], data.rows.compliance[:] = transmissions.command, transmissions.compliance
+        for rows, own, entries in self._plain:
+            data.rows.value[own] = rows.values(model, state)
+            data.rows.coefficient[entries] = rows.coefficients(model, state)
         try:
             inputs = StepInputs(
-                motion_of(state), straining, external, targets, control.base_shift, transmissions.lower,
-                transmissions.upper, model.dt, lag, parameters.rayleigh_mass,
+                motion_of(state), straining, external, control.targets, control.base_shift,
+                transmissions.lower, transmissions.upper, model.dt, lag, parameters.rayleigh_mass,
             )  # fmt: skip
             acting = data.acting(self._stiffness(state, model.dt * lag, moved))
             speed, *seconds = self._elimination.advance(inputs, acting)
@@ -232,7 +228,7 @@ class NumbaStepper:
         """Return the stiffness of taut actuators times `scale`; none if `moved` is None."""
         if moved is None or not len(self.actuators):
             return NO_STIFFNESS
-        multipliers = state.joint_efforts[self.actuators.joint]
+        multipliers = self.actuators.multipliers(state)
         rows, weight = self.actuators.geometric_stiffness(
             self.model, state, multipliers, without_surfaces=True
         )
