@@ -123,11 +123,14 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: Route) -> None:
     tendon = add(draft.section("tendon"), "spatial", name=joint.name)
     places: list[tuple[Array, str]] = [(point, _owner(draft, body, point)) for point in points]
     if cable.pull_point is not None:
-        places.insert(0, (np.array(cable.pull_point), cable.pull_on or "world"))
+        outside = (cable.pull_point, *cable.guides)
+        places[:0] = [(np.array(point), cable.pull_on or "world") for point in outside]
     for k, (point, owner) in enumerate(places):
         _add_site(draft, f"{joint.name}_{k}", point, owner)
         add(tendon, "site", site=f"{joint.name}_{k}")
     draft.notes.say(f"cable {joint.name}", "its points sit on the nearest nodes in the model")
+    if cable.special:
+        draft.notes.say(f"cable {joint.name}", f"the model is without its {listing(cable.special)}")
     if not cable.pull_only:
         draft.notes.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
     most = cable.largest_force or 1e6

@@ -145,6 +145,11 @@ class SceneState:
         return self._stepper.compiled
 
     @property
+    def remembers_path(self) -> bool:
+        """Whether an equilibrium depends on the way to it, as with friction of cables."""
+        return self._actuators.passive_size > 0
+
+    @property
     def report(self) -> StepReport:
         """Report of the last step."""
         return self._report

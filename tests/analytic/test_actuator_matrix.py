@@ -183,7 +183,7 @@ def test_both_back_ends_agree_and_bounds_are_kept(kind: str) -> None:
         assert np.abs(fast.joint_positions - readable.joint_positions).max() < 1e-9
         assert np.abs(fast.joint_velocities - readable.joint_velocities).max() < 1e-6
         own = np.array(wanted)[actuators.joint]
-        _, _, lower, upper, _ = actuators.transmissions(own, np.zeros(len(own)))
+        _, _, lower, upper, _ = actuators.transmissions(fast.model, fast.model.rest_state(), own)
         efforts = fast.joint_efforts[actuators.joint]
         assert (efforts >= lower).all()
         assert (efforts <= upper).all()

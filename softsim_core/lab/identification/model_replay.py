@@ -129,7 +129,10 @@ def _shapes(t: Array, decay: float, frequency: float, last: float) -> Array:
 
 
 Order: TypeAlias = Literal["nearest", "rows"]
-"""Order of rows: each command the nearest of those left, or as measured."""
+"""Order of rows: each command the nearest of those left, or as measured.
+
+Models that remember their path are led along all rows as measured.
+"""
 
 PARTS: Final = (1, 8)
 """Numbers of parts of the way from the start pose, tried where a row is not found from the one before."""
@@ -231,6 +234,8 @@ def equilibria(
 ) -> Prediction:
     """Solve the equilibrium of each distinct command (k, j), starting from the previous one.
 
+    With a model that remembers its path, each row is solved, in the given order and from the row before.
+
     Args:
         robot: The model.
         sensors: The sensors to predict.
@@ -242,12 +247,17 @@ def equilibria(
     Raises:
         SceneError: the scene cannot be built, or has nothing where a sensor sits.
     """
-    near = {} if near is None else near
     simulation = Simulation(robot.robot_alone())
+    remembers = simulation.remembers_path
+    near = {} if near is None or remembers else near
     places, start = Places(simulation, sensors), np.array(robot.start_joints)
     walk = _Walk(simulation, start, robot.start_shift, near)
-    different, first, same = np.unique(commands, axis=0, return_index=True, return_inverse=True)
-    sequence = in_short_steps(different, start) if order == "nearest" else np.argsort(first)
+    if remembers:
+        different, same = commands, np.arange(len(commands))
+        sequence = same
+    else:
+        different, first, same = np.unique(commands, axis=0, return_index=True, return_inverse=True)
+        sequence = in_short_steps(different, start) if order == "nearest" else np.argsort(first)
     positions = np.full((len(different), len(sensors), 3), np.nan)
     rotations = np.full((len(different), len(sensors), 3, 3), np.nan)
     stopped = False
@@ -255,7 +265,8 @@ def equilibria(
         for done, k in enumerate(sequence.tolist(), start=1):
             command = tuple(different[k].tolist())
             if (found := walk.to(different[k], near.get(command))) is not None:
-                near[command] = found, walk.rest
+                if not remembers:
+                    near[command] = found, walk.rest
                 positions[k], rotations[k] = places.locate(simulation)
             if progress is not None:
                 progress(done, len(different))

@@ -42,8 +42,10 @@ class Route(NamedTuple):
             only points that are named there need.
         pull_point: Where it leaves the robot, in the world in [m]; None: at its first point.
         pull_on: Name of the joint that carries that point; None: the world.
+        guides: Points that are carried like it and come after it, in the world in [m].
         placed: Whether the points are given in a frame of their own.
         pull_only: Whether it can go slack.
+        special: Keys of its kind that are set and change more than the way, such as friction.
         largest_force: Largest tension in [N]; None: not limited.
         rest_length: Length in [m] at coordinate 0; None: that at the start.
     """
@@ -52,7 +54,9 @@ class Route(NamedTuple):
     points: Callable[[TetMesh | None], Array]
     pull_point: Vector | None = None
     pull_on: str | None = None
+    guides: tuple[Vector, ...] = ()
     placed: bool = False
+    special: tuple[str, ...] = ()
     pull_only: bool = True
     largest_force: float | None = None
     rest_length: float | None = None

@@ -139,8 +139,9 @@ class EditStage:
             points = proposal.routes.get(joint.name)
             if points is None or not len(points):
                 continue
-            pull = getattr(joint.actuator, "pull_point", None)
-            line = (np.vstack([points] if pull is None else [[pull], points]) * MM).astype(np.float32)
+            way = None if joint.actuator is None else joint.actuator.route
+            outside = () if way is None or way.pull_point is None else (way.pull_point, *way.guides)
+            line = (np.vstack([*outside, points]) * MM).astype(np.float32)
             name, colour = f"/edit/cables/{number}", COLOURS["joints"]
             if len(line) > 1:
                 pairs = np.stack([line[:-1], line[1:]], axis=1)

@@ -38,14 +38,14 @@ IN_BODY, IN_WORLD = -2, -1
 
 
 class RowLayout(NamedTuple):
-    """Layout of the rows of c cables: a cable's points first, then the joints that carry its pull point.
+    """Layout of the rows of c cables: a cable's points first, then the joints that carry outside points.
 
     Attributes:
         start: First entry of each row, and the end of the last row, shape (c + 1,).
         place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
         of_points: Entries of the points, four each, shape (4 p,).
-        levers: Entries of joints that carry pull points, shape (m,).
-        lever_points: Pull point of each lever, shape (m,).
+        levers: Entries of joints that carry outside points (pull points and guides), shape (m,).
+        lever_points: The point of each lever, shape (m,).
         lever_unknowns: Reduced coordinate of each lever, shape (m,).
     """
 
@@ -58,7 +58,7 @@ class RowLayout(NamedTuple):
 
 
 class CableArrays(NamedTuple):
-    """All cables of a scene for the compiled kernels: p points, m joints that carry pull points.
+    """All cables of a scene for the compiled kernels: p points, m joints that carry outside points.
 
     Attributes:
         first: First point of each cable, and the end of the last cable, shape (c + 1,).
@@ -86,7 +86,7 @@ class CableArrays(NamedTuple):
 
 
 def row_layout(
-    model: Model, first: IndexArray, nodes: IndexArray, pull: Sequence[tuple[int, int, Array]]
+    model: Model, first: IndexArray, nodes: IndexArray, outside: Sequence[tuple[int, int, Array]]
 ) -> RowLayout:
     """Return the layout of cables; for the arguments see Cables."""
     count, frames = len(model.rest), 6 * len(model.frame_names)
@@ -96,7 +96,7 @@ def row_layout(
     for own in itertools.starmap(range, itertools.pairwise(first.tolist())):
         of_points += range(len(place), len(place) + 4 * len(own))
         place += nodes[own.start : own.stop].ravel().tolist()
-        for point, carrier, _ in pull:
+        for point, carrier, _ in outside:
             if point in own and carrier >= 0:
                 for unknown in (frames + a for a in model.chain(carrier)):
                     levers.append((len(place), point, unknown))
@@ -162,14 +162,15 @@ class _Entries(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cables:
-    """All cables of a scene; their points in sequence, each cable's pull point, if any, first.
+    """All cables of a scene; their points in sequence, each cable's pull point and guides, if any, first.
 
     Attributes:
         names: Names of the joints that pull them.
         joint: Indices of these joints, shape (c,).
         first: First point of each cable, and the end of the last cable, shape (c + 1,).
-        nodes, weights: Nodes that carry each point, and weights, shapes (p, 4); zeros for pull points.
-        pull: Pull points: number of the point, its joint (or -1), and position in the joint's frame in [m].
+        nodes, weights: Nodes that carry each point, and weights, shapes (p, 4); zeros for outside points.
+        outside: Pull points and guides: number of the point, its joint (or -1), and position in the joint's
+            frame in [m].
         rest_length: Lengths in [m] at displacement 0, shape (c,).
         lower, upper: Bounds of the tensions in [N], shape (c,).
         by_force: Whether the command is a tension in [N] instead of a displacement in [m], shape (c,).
@@ -185,7 +186,7 @@ class Cables:
     first: IndexArray
     nodes: IndexArray
     weights: Array
-    pull: tuple[tuple[int, int, Array], ...]
+    outside: tuple[tuple[int, int, Array], ...]
     rest_length: Array
     lower: Array
     upper: Array
@@ -235,7 +236,7 @@ class Cables:
         """Return all points in [m], shape (p, 3)."""
         points = np.asarray(np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes]))
         frames: dict[int, tuple[Array, Array]] = {}
-        for point, joint, local in self.pull:
+        for point, joint, local in self.outside:
             if joint >= 0 and joint not in frames:
                 frames[joint] = model.joint_frame(joint, state)
             points[point] = frames[joint][0] + frames[joint][1] @ local if joint >= 0 else local
@@ -262,16 +263,27 @@ class Cables:
 
     def coefficients(self, model: Model, state: State) -> Array:
         """Return the entries of the rows, shape (k, 3)."""
-        layout, points = self.layout, self.points(model, state)
-        pulls, coefficient = self.pulls(points), np.zeros((len(self.layout.place), 3))
+        points = self.points(model, state)
+        return self.spread(model, state, points, self.pulls(points))
+
+    def entry_points(self) -> IndexArray:
+        """Return the point of each entry of the rows, shape (k,)."""
+        layout, result = self.layout, np.zeros(len(self.layout.place), dtype=np.int64)
+        result[layout.of_points] = np.repeat(np.arange(len(self.nodes)), 4)
+        result[layout.levers] = layout.lever_points
+        return result
+
+    def spread(self, model: Model, state: State, points: Array, pulls: Array) -> Array:
+        """Return vectors on the points (p, 3) as entries of the rows, shape (k, 3); see `pulls`."""
+        layout, coefficient = self.layout, np.zeros((len(self.layout.place), 3))
         coefficient[layout.of_points] = (self.weights[:, :, None] * pulls[:, None, :]).reshape(-1, 3)
         if len(layout.levers):
-            moved = self._differentiate_pull_points(model, state, points)
+            moved = self.outside_motion(model, state, points)
             coefficient[layout.levers, 0] = np.einsum("mi,mi->m", pulls[layout.lever_points], moved)
         return coefficient
 
-    def _differentiate_pull_points(self, model: Model, state: State, points: Array) -> Array:
-        """Return the velocity of pull points per unit velocity of each joint that carries them, (m, 3)."""
+    def outside_motion(self, model: Model, state: State, points: Array) -> Array:
+        """Return the velocity of outside points per unit velocity of each joint that carries them, (m, 3)."""
         motion, k = model.motion_subspace(state), self.layout.lever_unknowns
         arms = points[self.layout.lever_points] - motion.origin[k]
         return np.cross(motion.angular[k], arms) + motion.linear[k]
@@ -290,16 +302,19 @@ class Cables:
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """Return two rows across each segment under tension, and rows for the joints that rotate pull points.
+        """Return two rows across each segment under tension, and rows for joints that rotate outside points.
 
-        A segment of length l under tension t resists rotation with the transverse stiffness t / l. A pull
-        point p on revolute joints of angles q adds -t H d2p/dq2 to them.
+        A segment of length l under tension t resists rotation with the transverse stiffness t / l. An outside
+        point p with the force f on revolute joints of angles q adds -f d2p/dq2 to them.
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
         tension = self.tensions(state, multipliers)
         taut = np.flatnonzero(tension * length)
-        turning = self._turning(model, state, points, multipliers)
+        forces = np.zeros_like(points)
+        forces[:-1] += tension[:, None] * unit
+        forces[1:] -= tension[:, None] * unit
+        turning = self._turning(model, state, points, forces)
         entries = list(self._across(model, state, points, taut, unit[taut]))
         for r, (turned, signs, _) in enumerate(turning, start=2 * len(taut)):
             coefficients = np.outer(signs, [1.0, 0.0, 0.0])
@@ -323,31 +338,32 @@ class Cables:
             s, k = np.nonzero(weights)
             coefficient = sign * weights[s, k][:, None, None] * across[s]
             yield _Entries(both[s].ravel(), np.repeat(nodes[s, k], 2), coefficient.reshape(-1, 3))
-        layout, moved = self.layout, self._differentiate_pull_points(model, state, points)
-        for m, point in enumerate(layout.lever_points):  # joints that carry the first points of cables
-            for segment in np.flatnonzero(taut == point):
-                coefficient = np.zeros((2, 3))
-                coefficient[:, 0] = -across[segment] @ moved[m]
-                unknown = len(model.rest) + layout.lever_unknowns[m]
-                yield _Entries(both[segment], np.full(2, unknown), coefficient)
+        layout, moved = self.layout, self.outside_motion(model, state, points)
+        for m, point in enumerate(layout.lever_points):
+            for before, sign in ((1, 1.0), (0, -1.0)):  # the segments that end and begin there
+                for segment in np.flatnonzero(taut == point - before):
+                    coefficient = np.zeros((2, 3))
+                    coefficient[:, 0] = sign * across[segment] @ moved[m]
+                    unknown = len(model.rest) + layout.lever_unknowns[m]
+                    yield _Entries(both[segment], np.full(2, unknown), coefficient)
 
     def _turning(
-        self, model: Model, state: State, points: Array, multipliers: Array
+        self, model: Model, state: State, points: Array, forces: Array
     ) -> list[tuple[list[int], list[float], float]]:
-        """Return -t H d2p/dq2 of the joints that rotate pull points: places, their signs, and the weight.
+        """Return -f d2p/dq2 of the joints that rotate outside points: places, their signs, and the weight.
 
         The outer joint rotates the inner motion. Two joints contribute by their sum and their difference.
+        `forces` are those of the cables on all points in [N], shape (p, 3).
         """
         result: list[tuple[list[int], list[float], float]] = []
         layout = self.layout
         if not len(layout.levers):
             return result
-        pulls, angular = self.pulls(points), model.motion_subspace(state).angular
-        moved, count = self._differentiate_pull_points(model, state, points), len(model.rest)
+        angular = model.motion_subspace(state).angular
+        moved, count = self.outside_motion(model, state, points), len(model.rest)
         for m, (inner, point) in enumerate(zip(layout.lever_unknowns, layout.lever_points, strict=True)):
-            tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
             for outer in layout.lever_unknowns[: m + 1][layout.lever_points[: m + 1] == point]:
-                weight = -float(tension * (pulls[point] @ np.cross(angular[outer], moved[m])))
+                weight = -float(forces[point] @ np.cross(angular[outer], moved[m]))
                 places = [count + int(outer), count + int(inner)]
                 if outer == inner:
                     result.append((places[:1], [1.0], weight))
@@ -367,7 +383,7 @@ class Cables:
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[CableView, ...]:
         """Return the visible state of each cable at tensions (c,) in [N]."""
         points = self.points(model, state)
-        lengths, outside = self.lengths(points), {point for point, _, _ in self.pull}
+        lengths, outside = self.lengths(points), {point for point, _, _ in self.outside}
         tensions = self.tensions(state, multipliers)
         return tuple(
             CableView(
@@ -387,7 +403,7 @@ class Cables:
         """Return the cables for the compiled kernels."""
         layout, points = self.layout, len(self.nodes)
         carrier, local = np.full(points, IN_BODY), np.zeros((points, 3))
-        for point, joint, offset in self.pull:
+        for point, joint, offset in self.outside:
             carrier[point], local[point] = (joint if joint >= 0 else IN_WORLD), offset
         return CableArrays(
             first=self.first,
@@ -423,7 +439,7 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     """
     model = surroundings.model
     start = model.rest_state()
-    nodes, weights, first, pull = [], [], [0], []
+    nodes, weights, first, outside = [], [], [0], []
     descriptions: list[CableDescription] = [each.description for each in placed]
     for each, cable in zip(placed, descriptions, strict=True):
         bound = surroundings.bind(
@@ -431,13 +447,13 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
         )
         if cable.pull_point is not None:
             on = -1 if cable.pull_on is None else surroundings.joint(cable.pull_on)
-            local: Array = np.array(cable.pull_point, dtype=float)
+            places: Array = np.array([cable.pull_point, *cable.guides], dtype=float)
             if on >= 0:
                 origin, rotation = model.joint_frame(on, start)
-                local = rotation.T @ (local - origin)
-            pull.append((first[-1], on, local))
-            nodes.append(np.zeros((1, 4), dtype=np.int64))
-            weights.append(np.zeros((1, 4)))
+                places = (places - origin) @ rotation
+            outside += [(first[-1] + k, on, each) for k, each in enumerate(places)]
+            nodes.append(np.zeros((len(places), 4), dtype=np.int64))
+            weights.append(np.zeros((len(places), 4)))
         nodes.append(bound.nodes)
         weights.append(bound.weights)
         first.append(sum(len(points) for points in nodes))
@@ -448,14 +464,14 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
         first=ends,
         nodes=carried,
         weights=np.concatenate(weights),
-        pull=tuple(pull),
+        outside=tuple(outside),
         rest_length=np.array([each.rest_length or np.nan for each in descriptions], dtype=float),
         lower=np.array([0.0 if each.pull_only else -np.inf for each in descriptions]),
         upper=np.array([each.max_tension or np.inf for each in descriptions]),
         by_force=np.array([each.control == "force" for each in descriptions], dtype=np.bool_),
         compliance=np.array([each.compliance for each in descriptions], dtype=float),
         stretch=np.zeros(len(descriptions)),
-        layout=row_layout(model, ends, carried, pull),
+        layout=row_layout(model, ends, carried, outside),
     )
     lengths = result.lengths(result.points(model, start))
     if not lengths.all():

@@ -103,6 +103,8 @@ class CableDescription(ActuatorDescription):
         pull_point: Point in world coordinates in [m] where the cable leaves the robot; None: the first of
             `points`.
         pull_on: Name of the joint that carries the pull point; None: it is fixed in space.
+        guides: Points in world coordinates in [m] over which the cable is led between pull point and `points`,
+            as over the holes of a plate; `pull_on` carries them, too. They need a pull point.
         control: "displacement": commands are displacements in [m]. "force": commands are tensions in [N].
         pull_only: Whether the cable can go slack; False makes it a rod that can push, for comparison.
         max_tension: Largest tension in [N], > 0; None: not limited.
@@ -127,6 +129,7 @@ class CableDescription(ActuatorDescription):
     placement: Placement = Placement()
     pull_point: Vector | None = field(default=None, metadata=POINT)
     pull_on: str | None = None
+    guides: tuple[Vector, ...] = field(default=(), metadata=POINT)
     control: Literal["displacement", "force"] = "displacement"
     pull_only: bool = True
     max_tension: float | None = None
@@ -152,8 +155,11 @@ class CableDescription(ActuatorDescription):
                 need_finite("cable", "points", point)
         if self.pull_point is not None:
             need_finite("cable", "pull_point", self.pull_point)
-        if self.pull_on is not None and self.pull_point is None:
-            raise SceneError("cable: pull_on needs a pull_point; give one or remove pull_on")
+        for name in ("pull_on", "guides"):
+            if getattr(self, name) and self.pull_point is None:
+                raise SceneError(f"cable: {name} needs a pull_point; give one or remove {name}")
+        for point in self.guides:
+            need_finite("cable", "guides", point)
         units = {"max_tension": "N", "rest_length": "m", "axial_stiffness": "N", "presliding": "m"}
         for name, unit in units.items():
             value = getattr(self, name)
@@ -194,7 +200,13 @@ class CableDescription(ActuatorDescription):
             points=self.points_in,
             pull_point=self.pull_point,
             pull_on=self.pull_on,
+            guides=self.guides,
             placed=self.placement != Placement(),
+            special=tuple(
+                name
+                for name in ("axial_stiffness", "compliance", "pretension", "friction", "friction_per_length")
+                if getattr(self, name)
+            ),
             pull_only=self.pull_only,
             largest_force=self.max_tension,
             rest_length=self.rest_length,

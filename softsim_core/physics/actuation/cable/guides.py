@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_core.base import Array, IndexArray, SceneError
+from softsim_core.base import Array, BoolArray, IndexArray, SceneError
 from softsim_core.physics.actuation import Constraints
 from softsim_core.physics.actuation.cable.description import CableDescription
 from softsim_core.physics.mechanics import PASSIVE_EFFORTS, Model, State, Transmissions
@@ -51,8 +51,9 @@ class Guides:
         presliding: Motion in [m] in which z changes by 1, shape (m,).
         beyond: Whether each segment is beyond each guide, shape (m, p - 1), as 0 and 1.
         at_rest: Length beyond each guide at the start in [m], shape (m,).
-        constraints: Constant part of the rows.
-        of_points: Point of each of the rows' entries, and whether it is the guide itself, shapes (k,).
+        constraints: Constant part of the rows: their entries are those of the cables' rows beyond the guides.
+        entries: Entry of the cables' rows that each entry is a part of, shape (k,).
+        at_guide: Whether it is at the guide itself, where only the segment beyond it counts, shape (k,).
     """
 
     cables: Cables
@@ -64,20 +65,23 @@ class Guides:
     beyond: Array
     at_rest: Array
     constraints: Constraints = field(init=False)
-    of_points: tuple[IndexArray, IndexArray] = field(init=False)
+    entries: IndexArray = field(init=False)
+    at_guide: BoolArray = field(init=False)
 
     def __post_init__(self) -> None:
-        last = self.cables.first[self.cable + 1]
-        points = [np.arange(*span) for span in zip(self.point, last, strict=True)]
-        counts = np.array([len(each) for each in points])
-        entry_points = np.repeat(np.concatenate(points), 4)
-        start = np.concatenate([[0], 4 * np.cumsum(counts)])
-        none = np.zeros(0, np.int64)
-        place = self.cables.nodes[np.concatenate(points)].ravel()
+        layout, points = self.cables.layout, self.cables.entry_points()
+        owner = np.repeat(np.arange(len(self.cables.names)), np.diff(layout.start))
+        parts = [
+            np.flatnonzero((owner == cable) & (points >= point))
+            for cable, point in zip(self.cable, self.point, strict=True)
+        ]
+        counts, entries = np.array([len(each) for each in parts]), np.concatenate(parts)
+        start = np.concatenate([[0], np.cumsum(counts)])
         by_multiplier = np.zeros(len(self.point), np.bool_)
-        object.__setattr__(self, "constraints", Constraints(none, start, place, by_multiplier))
-        is_guide = entry_points == np.repeat(self.point, 4 * counts)
-        object.__setattr__(self, "of_points", (entry_points, is_guide))
+        constraints = Constraints(np.zeros(0, np.int64), start, layout.place[entries], by_multiplier)
+        object.__setattr__(self, "constraints", constraints)
+        object.__setattr__(self, "entries", entries)
+        object.__setattr__(self, "at_guide", points[entries] == np.repeat(self.point, counts))
 
     @property
     def keeps(self) -> int:
@@ -91,12 +95,11 @@ class Guides:
 
     def coefficients(self, model: Model, state: State) -> Array:
         """Return the entries of the rows, shape (k, 3)."""
-        points = self.cables.points(model, state)
-        unit, _ = self.cables.directions(points)
-        entry_points, is_guide = self.of_points
-        pulls = self.cables.pulls(points)[entry_points]
-        pulls[is_guide] = unit[entry_points[is_guide]]
-        return np.asarray(pulls * self.cables.weights[entry_points[::4]].ravel()[:, None])
+        cables, points = self.cables, self.cables.points(model, state)
+        unit, _ = cables.directions(points)
+        beyond = np.append(unit, np.zeros((1, 3)), axis=0)
+        whole, part = (cables.spread(model, state, points, each) for each in (cables.pulls(points), beyond))
+        return np.where(self.at_guide[:, None], part[self.entries], whole[self.entries])
 
     def transmissions(self, model: Model, state: State, kept: Array) -> Transmissions:
         """Return the law of each guide, linearised at a state; see PassiveRows."""
