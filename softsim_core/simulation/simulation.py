@@ -488,6 +488,7 @@ class Simulation(SceneState):
             actuators=self._actuators,
             tolerance=tolerance,
             solver=choose_linear_solver(self.scene.solver.linear_solver),
+            massless=self._time_step.massless,
         )
 
     def settle(

@@ -158,6 +158,9 @@ class ScipyStepper:
         change += solved.answer(at, h * pulled)
         return pulled
 
+    def without_mass(self) -> None:
+        """Return None: its steps take as long as iterations of statics."""
+
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """Return the von Mises stress of each element in [Pa], shape (m,)."""
         return von_mises_stress(self.model.groups, state.positions, parameters.materials)

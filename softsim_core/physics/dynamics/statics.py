@@ -16,6 +16,10 @@ an iteration solves
 and adds dq, all or part of it (see WAYS). Actuators add H^T t to f, their geometric stiffness to the tangent,
 and the equations s - q + c t to the system; see actuator_statics.
 
+Where commands lead on from a known equilibrium, steps of the same model without mass come first, if the back
+end compiles steps: each is an iteration with the tangent of the step, and takes a fraction of the time. What
+they find is checked with the exact tangent.
+
 A load that is too far away is approached in parts: joint targets and base shift change linearly, and the
 residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
 (see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending:
@@ -52,7 +56,7 @@ from softsim_core.physics.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
-from softsim_core.physics.dynamics.stepper import Condensed
+from softsim_core.physics.dynamics.stepper import Condensed, MasslessStepper
 from softsim_core.physics.fem import (
     BlockPattern,
     LinearMove,
@@ -63,6 +67,7 @@ from softsim_core.physics.fem import (
 from softsim_core.physics.fem.materials import RotatedHooke, StrainMaterial, material, rest_stiffness
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import (
+    MOVED,
     Control,
     Model,
     Parameters,
@@ -141,6 +146,9 @@ NEAR = 0.1
 LONG = {"turning": 1.0, "whole": np.inf, "rotated": np.inf, "distant": NEAR}
 """Step length, in sizes of an element, after which the next step has the distant tangent again."""
 
+MOST_LED = 16
+"""Largest number of steps without mass."""
+
 TURNS = 3
 """Largest number of rotating steps with the distant tangent."""
 
@@ -205,6 +213,8 @@ class StaticProblem:
         self.start = _copy(model, state)
         self.start.velocities[:] = 0.0
         self.start.reduced_velocities[:] = 0.0
+        if (moved := self.start.extra.get(MOVED)) is not None:
+            moved[:] = 0.0
         # while the problem is solved, the position of an actuator's joint represents its command
         self.start.joint_positions[actuators.joint] = actuators.commands_of(
             actuators.values(model, self.start), self._multipliers(self.start)
@@ -222,10 +232,14 @@ class StaticProblem:
         inputs = (state.buffer, control.targets, control.forces, control.base_shift)
         if not all(np.isfinite(each).all() for each in inputs):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
-        self.lever, self.beside = self._levers(), _beside(model)
-        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
-        self.size = float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
         self.first_residual = np.zeros(self.at.size + self.constrained)
+
+    def begin(self) -> None:
+        """Store the residual of the first state, which load steps remove.
+
+        Raises:
+            NotConvergedError: the first state has no forces.
+        """
         try:
             self.first_residual = self._residual(self.start, 0.0)[0]
         except np.linalg.LinAlgError as error:  # from the rotations of elements
@@ -233,6 +247,12 @@ class StaticProblem:
         self.first_residual[self.at.size :] = 0.0
         if not np.isfinite(self.first_residual).all():
             raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
+
+    @cached_property
+    def size(self) -> float:
+        """Mean size of an element in [m]."""
+        volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in self.model.filling])
+        return float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
 
     @cached_property
     def _pattern(self) -> BlockPattern:
@@ -262,7 +282,7 @@ class StaticProblem:
             groups.append(group)
         if all(one is other for one, other in zip(groups, model.groups, strict=True)):
             return None
-        return StaticProblem(
+        hookean = StaticProblem(
             replace(model, groups=tuple(groups)),
             self.control,
             replace(self.parameters, materials=materials),
@@ -270,9 +290,12 @@ class StaticProblem:
             self.actuators,
             self._solver,
         )
+        hookean.begin()
+        return hookean
 
-    def _levers(self) -> Array:
-        """Return the displacement per unknown: that of its region's nodes (RMS, in [m]), 1 for nodes."""
+    @cached_property
+    def lever(self) -> Array:
+        """Displacement per unknown: that of its region's nodes (RMS, in [m]), 1 for nodes."""
         lever = np.append(np.ones(self.at.size), np.zeros(self.constrained))
         motion_subspace = self.model.motion_subspace(self.start)
         for region in self.model.regions:
@@ -280,6 +303,38 @@ class StaticProblem:
                 moved = motion_subspace.jacobian(k, self.start.positions[region.nodes])
                 lever[self.at.first_reduced + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
         return lever
+
+    def lead(self, massless: MasslessStepper, tolerance: float) -> State | None:
+        """Return the equilibrium to which commands lead, by steps of the model without mass.
+
+        None: commands do not change, or the steps do not get shorter, or what they find is unstable.
+        """
+        if not self._driven:
+            return None
+        state = _copy(self.model, self.start)
+        forces, parameters = self.control.forces + self.model.weight, _undamped(self.parameters)
+        control = replace(self.control, forces=forces)
+        sizes = [np.inf]
+        for _ in range(MOST_LED):
+            state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
+            before = state.positions.copy()
+            report = massless.step(state, control, parameters)
+            self.iterations += 1
+            sizes.append(float(np.abs(state.positions - before).max(initial=0.0)))
+            if not (report.positive and sizes[-1] < np.inf):
+                return None
+            if sizes[-1] <= tolerance:
+                break
+        else:
+            return None
+        state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
+        if (self._find_inverted(state) & ~self._find_inverted(self.start)).any():
+            return None
+        _, pulls, elastic = self._residual(state, 1.0)
+        stable = massless.is_stable(state, parameters, forces + pulls)
+        if not stable and self.constrained:  # taut actuators may be what keeps it in place
+            stable = self._factors(state, pulls + elastic, 1.0, self._stiffness(state)).positive
+        return state if stable else None
 
     def newton(self, before: State, goal: float, tolerance: float) -> State:
         """Return the equilibrium at the load fraction `goal`, trying each strategy from an earlier one."""
@@ -465,6 +520,8 @@ class StaticProblem:
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
         self.actuators.set_multipliers(state, multipliers)
         self.actuators.measure(self.model, state)
+        if (moved := state.extra.get(MOVED)) is not None:
+            moved[:] = 0.0
         self.actuators.settle(self.model, state, self.control.targets)
         spring = self.at.drive * (self.control.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
@@ -502,7 +559,7 @@ class StaticProblem:
         shifted.base_shift[0] = state.base_shift[0]
         change = state.joint_positions - before.joint_positions
         subspace, driven = model.motion_subspace(before), np.zeros_like(before.positions)
-        for region, nodes in self.beside:
+        for region, nodes in self._beside:
             start, both = before.positions[region.nodes], np.concatenate([region.nodes, nodes])
             driven[region.nodes] = shifted.positions[region.nodes] - start
             driven[nodes] = _moved_along(before.positions[nodes], start, shifted.positions[region.nodes])
@@ -616,6 +673,10 @@ class StaticProblem:
         return 0.0
 
     @cached_property
+    def _beside(self) -> list[tuple[RigidRegion, IndexArray]]:
+        return _beside(self.model)
+
+    @cached_property
     def _rotating_steps(self) -> RotatingSteps:
         return RotatingSteps(self.model.filling, self.at.free, len(self.model.rest), self._solver)
 
@@ -661,6 +722,10 @@ def _moved_along(points: Array, before: Array, after: Array) -> Array:
     return np.asarray(last + (points - first) @ nearest_rotation(before - first, after - last).T)
 
 
+def _undamped(parameters: Parameters) -> Parameters:
+    return replace(parameters, rayleigh_stiffness=0.0, rayleigh_mass=0.0)
+
+
 def _copy(model: Model, state: State) -> State:
     copy = model.empty_state()
     copy.copy_from(state)
@@ -703,6 +768,7 @@ def solve_static(
     actuators: Actuators | None = None,
     tolerance: float = 1e-11,
     solver: LinearSolver | None = None,
+    massless: MasslessStepper | None = None,
 ) -> StaticSolution:
     """Return the stable equilibrium under a constant control that is reached from `state`.
 
@@ -716,6 +782,7 @@ def solve_static(
         actuators: Actuators of the joints; None: there are none. Contacts are not included.
         tolerance: Largest displacement of the last Newton step in [m].
         solver: The linear solver; None: the default.
+        massless: MasslessStepper of the model without mass, see Stepper.without_mass; None: there is none.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
@@ -723,6 +790,9 @@ def solve_static(
     chosen, acting = solver or choose_linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
+        if massless is not None and (led := problem.lead(massless, tolerance)) is not None:
+            return StaticSolution(led, problem.iterations, 1, problem.finish(led))
+        problem.begin()
         try:
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
         except NotConvergedError:
@@ -732,8 +802,10 @@ def solve_static(
             if found is None and not stable:
                 standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
                 first = StaticProblem(model, standing, parameters, state, acting, chosen)
+                first.begin()
                 settled, spent, part = first.let_go(tolerance), problem.iterations + first.iterations, 1.0
                 problem = StaticProblem(model, control, parameters, settled, acting, chosen)
+                problem.begin()
                 problem.iterations = spent
             current, steps = (found, 1) if found is not None else _in_parts(problem, tolerance, part)
         residual = problem.finish(current)

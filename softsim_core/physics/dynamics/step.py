@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple, Protocol
 
 from softsim_core.base import FactorisationError
@@ -30,7 +30,7 @@ from softsim_core.physics.dynamics.iterations import FreeTurning, Newton
 from softsim_core.physics.dynamics.memory import Memory
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.schemes import Bossak, ImplicitEuler, Scheme
-from softsim_core.physics.dynamics.stepper import Stepper
+from softsim_core.physics.dynamics.stepper import MasslessStepper, Stepper
 from softsim_core.physics.dynamics.substeps import (
     StepParts,
     StrainWatch,
@@ -166,6 +166,11 @@ class TimeStep:
         self._strains = StrainWatch(watched, self.stepper.compiled)
         cuts = bool(watched) or self._phases[0].contacts.collisions is not None
         self._deepest = settings.parts.bit_length() - 1 if cuts else 0
+
+    @cached_property
+    def massless(self) -> MasslessStepper | None:
+        """Its stepper without mass, for statics; see Stepper.without_mass."""
+        return self.stepper.without_mass()
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """Advance `state` by one dt, in place; the caller decides by the report whether to accept it.

@@ -79,8 +79,31 @@ class Stepper(Protocol):
         """
         ...
 
+    def without_mass(self) -> MasslessStepper | None:
+        """Return a stepper of the model without mass and with dt = 1 s: its steps from rest lead to statics.
+
+        It shares buffers with this one, so only one of them may compute at a time. None: there is none.
+        """
+        ...
+
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """Return the von Mises stress of each element in [Pa], shape (m,); zero inside one rigid region."""
+        ...
+
+
+class MasslessStepper(Protocol):
+    """Steps of a model without mass, each an iteration of statics, and the check of what they find."""
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """Advance the state, in place; see Stepper. The forces of the control include weight."""
+        ...
+
+    def is_stable(self, state: State, parameters: Parameters, forces: Array) -> bool:
+        """Return whether an equilibrium under node forces (n, 3) in [N], all but elastic ones, is stable.
+
+        Where actuators add to the pattern of the step, their positive stiffness counts; elsewhere False may
+        be an equilibrium that they stabilise.
+        """
         ...
 
 

@@ -103,7 +103,7 @@ class CableDescription(ActuatorDescription):
         pull_point: Point in world coordinates in [m] where the cable leaves the robot; None: the first of
             `points`.
         pull_on: Name of the joint that carries the pull point; None: it is fixed in space.
-        guides: Points in world coordinates in [m] over which the cable is led between pull point and `points`,
+        guides: Points in world coordinates in [m] over which the cable runs between pull point and `points`,
             as over the holes of a plate; `pull_on` carries them, too. They need a pull point.
         control: "displacement": commands are displacements in [m]. "force": commands are tensions in [N].
         pull_only: Whether the cable can go slack; False makes it a rod that can push, for comparison.

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend.actuator_rows import PressedFaces, press_faces
+from softsim_core.physics.dynamics.numba_backend.actuator_rows import PressedFaces, add_stiffness, press_faces
 from softsim_core.physics.dynamics.numba_backend.batches import (
     CellBatches,
     cell_batches,
@@ -19,6 +19,7 @@ from softsim_core.physics.dynamics.numba_backend.elements import assemble_tetrah
 from softsim_core.physics.dynamics.numba_backend.kinematics import jacobians, motion_subspace
 from softsim_core.physics.dynamics.numba_backend.laws import compiled_law, own_values, point_cells, tune
 from softsim_core.physics.dynamics.numba_backend.layout import (
+    ActuatorStiffness,
     CellPlaces,
     Cells,
     Elements,
@@ -474,8 +475,9 @@ def _elements(group: ElementGroup, ordered: ElementGroup, places: CellPlaces) ->
 
 @kernel
 def assemble_tangent(
-    motion: Motion, external: Array, spring: Array, tangent: int, cells: Cells, arrays: StepArrays
-) -> None:
+    motion: Motion, external: Array, spring: Array, tangent: int, cells: Cells, taut: ActuatorStiffness,
+    arrays: StepArrays,
+) -> None:  # fmt: skip
     """Add the static tangent to panels and reduced, beside the contribution of other cells.
 
     `external` are all loads but elastic ones (n, 3); `tangent` is elements.EXACT or CLAMPED.
@@ -495,6 +497,8 @@ def assemble_tangent(
         add_region_node(x, z, spring, first, nodes, work)
     for j in range(len(kinematics.stiffness)):
         work.factor.schur[first + j, first + j] += kinematics.stiffness[j]
+    still = np.zeros(len(motion.reduced_velocities))
+    add_stiffness(taut, np.zeros_like(x), still, nodes, arrays.tree, work)
 
 
 @inline

@@ -46,7 +46,7 @@ from softsim_core.physics.linalg import (
     usable_threads,
     with_space_for,
 )
-from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State
+from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State, no_rows
 
 MANY = 2000
 """Number of free nodes above which iteration is considered: with fewer, a factor stays in the cache."""
@@ -243,6 +243,24 @@ class NumbaStepper:
         self._free.copy_from(state)
         return NumbaFreeMotion(self._responses, state, self._before, self._free, report)
 
+    def without_mass(self) -> NumbaStepper | None:
+        """Return a stepper of the model without mass, with this one's plan; see Stepper.
+
+        None: this one does not factor by a single thread.
+        """
+        if not isinstance(self._elimination, DirectElimination):
+            return None
+        model = self.model
+        light = replace(
+            model,
+            mass=np.zeros_like(model.mass),
+            dt=1.0,
+            joints=tuple(replace(joint, inertia=0.0) for joint in model.joints),
+            coupling=None if model.coupling is None else model.coupling.scale(0.0),
+        )
+        stepper = NumbaStepper(light, self.actuators, like=self)
+        return stepper if stepper._elimination.prepared.work is self._prepared.work else None
+
     def von_mises(self, state: State, parameters: Parameters) -> Array:
         """Return the von Mises stress of each element in [Pa], shape (m,)."""
         data = self._prepared
@@ -264,8 +282,31 @@ class NumbaStepper:
             self._factor_tangent(state, loads, CLAMPED)
         return NumbaStaticTangent(self._responses, motion, positive)
 
+    def is_stable(self, state: State, parameters: Parameters, forces: Array) -> bool:
+        """Return whether an equilibrium under node forces (n, 3) in [N], all but elastic ones, is stable.
+
+        Where actuators add to the pattern of the step, their positive stiffness counts; elsewhere False may
+        be an equilibrium that they stabilise.
+        """
+        multipliers = self.actuators.multipliers(state)
+        pressed = self.actuators.surface_stiffness(state, multipliers)
+        taut = self._stiffness(state, 1.0, state.extra.get(MOVED))
+        self._tune(parameters, self.model.dt + parameters.rayleigh_stiffness)
+        if not self._factor_tangent(state, forces, EXACT, pressed, taut):
+            return False
+        solved = np.ones(self.model.reduced_size, dtype=np.bool_)
+        joints = 6 * len(self.model.frame_names) + np.arange(len(self.model.joints))
+        solved[np.setdiff1d(joints, joints[self.model.compliant_joints])] = False
+        stiffness = self._responses.condense(no_rows(), motion_of(state)).stiffness
+        return bool((np.linalg.eigvalsh(stiffness[np.ix_(solved, solved)]) > 0.0).all())
+
     def _factor_tangent(
-        self, state: State, loads: Array, tangent: int, pressed: Sequence[Array] = ()
+        self,
+        state: State,
+        loads: Array,
+        tangent: int,
+        pressed: Sequence[Array] = (),
+        taut: ActuatorStiffness = NO_STIFFNESS,
     ) -> bool:
         """Factor the static tangent in the panels; return whether it is positive on the free nodes."""
         data = self._prepared
@@ -275,7 +316,7 @@ class NumbaStepper:
         if pressed:
             data.cells.press(pressed, np.zeros_like(loads))
         self._assemble_tangent(
-            motion_of(state), loads, self.model.spring, tangent, data.cells.arrays, data.arrays
+            motion_of(state), loads, self.model.spring, tangent, data.cells.arrays, taut, data.arrays
         )
         assert isinstance(self._elimination, DirectElimination)
         self._elimination.factor()
