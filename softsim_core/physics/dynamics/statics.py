@@ -56,6 +56,7 @@ from softsim_core.physics.dynamics.assembly import (
     static_forces,
     static_tangent,
 )
+from softsim_core.physics.dynamics.memory import relaxing_groups
 from softsim_core.physics.dynamics.stepper import Condensed, MasslessStepper
 from softsim_core.physics.fem import (
     BlockPattern,
@@ -77,6 +78,7 @@ from softsim_core.physics.mechanics import (
     distribute,
     join_rows,
     nearest_rotation,
+    step_stress_name,
 )
 
 
@@ -314,6 +316,8 @@ class StaticProblem:
         state = _copy(self.model, self.start)
         forces, parameters = self.control.forces + self.model.weight, _undamped(self.parameters)
         control = replace(self.control, forces=forces)
+        for k, _ in relaxing_groups(self.model):
+            state.extra[step_stress_name(k)][:] = 0.0  # at rest, all stress that relaxes has done so
         sizes = [np.inf]
         for _ in range(MOST_LED):
             state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
