@@ -5,6 +5,7 @@ from . import (
     parts as parts,
     pneu_arm_mesh as pneu_arm_mesh,
     pneu_finger_mesh as pneu_finger_mesh,
+    tendon_parts as tendon_parts,
     tentacle_mesh as tentacle_mesh,
     tripod_mesh as tripod_mesh,
 )
@@ -35,6 +36,14 @@ from .pneu_arm_mesh import (
 )
 from .pneu_finger_mesh import (
     pneu_finger as pneu_finger,
+)
+from .tendon_parts import (
+    Backbone as Backbone,
+    Tendon as Tendon,
+    TendonSegment as TendonSegment,
+    bend_keys as bend_keys,
+    bending_commands as bending_commands,
+    tendon_arm as tendon_arm,
 )
 from .tentacle_mesh import (
     tentacle as tentacle,

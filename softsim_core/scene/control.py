@@ -66,18 +66,35 @@ KEY_NAMES: Final = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyBinding:
-    """Action of a teleop key: move joints `by` [rad] or [m], go to a `pose`, or an `action`."""
+    """Action of a teleop key: move joints `by` [rad] or [m], go to a `pose`, or an `action`.
+
+    `by` is one number for all joints, or one for each, as for tendons that bend an arm together.
+    """
 
     help: str
     joints: tuple[str, ...] = ()
-    by: float = 0.0
+    by: float | tuple[float, ...] = 0.0
     pose: str | None = None
     action: Action | None = None
 
     def __post_init__(self) -> None:
         if sum((bool(self.joints), self.pose is not None, self.action is not None)) != 1:
             raise SceneError(f"key binding {self.help!r}: give exactly one of joints, pose and action")
-        need_finite(f"key binding {self.help!r}", "by", (self.by,))
+        need_finite(f"key binding {self.help!r}", "by", tuple(self.steps.values()))
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Step of each joint in [rad] or [m] by its name.
+
+        Raises:
+            SceneError: `by` lists more or fewer numbers than there are joints.
+        """
+        by = self.by if isinstance(self.by, tuple) else (self.by,) * len(self.joints)
+        if len(by) != len(self.joints):
+            raise SceneError(
+                f"key binding {self.help!r}: by has {len(by)} numbers for {len(self.joints)} joints"
+            )
+        return dict(zip(self.joints, by, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +120,8 @@ class InverseSettings:
         lower, upper: Narrower joint interval in [rad] or [m] for all joints; None: the joints' own limits.
         speed: Lower joint speed in [rad/s] or [m/s], > 0; None: the joints' own.
         torque_limit: Largest holding torque in [N m] or force in [N] of a joint, > 0; None: not limited.
+        min_tension: Least tension in [N] of tendons that pull only, >= 0. They are elastic, or move with a
+            pretension, so that it can be kept.
         backend: Effector Jacobian by the static tangent ("analytic") or from sampled equilibria ("sampled").
         feedback_gain: Rate in [1/s] at which the model's error against the measured pose is learned, >= 0.
         max_correction: Largest learned position error in [m], >= 0; anti-windup.
@@ -126,6 +145,7 @@ class InverseSettings:
     upper: float | None = None
     speed: float | None = None
     torque_limit: float | None = None
+    min_tension: float = 0.0
     backend: Literal["analytic", "sampled"] = "analytic"
     feedback_gain: float = 5.0
     max_correction: float = 0.010
@@ -139,7 +159,7 @@ class InverseSettings:
             value = getattr(self, name)
             if value is not None:
                 need_positive("inverse", name, value, unit)
-        weights = ("effort_weight", "posture_weight", "feedback_gain")
+        weights = ("effort_weight", "posture_weight", "feedback_gain", "min_tension")
         for name in (*weights, "max_correction", "max_correction_turn"):
             need_not_negative("inverse", name, getattr(self, name), "")
         for name in ("position_weights", "orientation_weights"):

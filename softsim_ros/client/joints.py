@@ -42,13 +42,13 @@ NOT_RECEIVED = "nothing moved: no node receives position_controller/commands yet
 
 @dataclass(frozen=True, slots=True)
 class StepJoints:
-    """Request to move some joints `by` [rad] or [m].
+    """Request to move some joints `by` [rad] or [m]: one number for all, or one for each.
 
     They move from their last commands, or from where something else has moved them since.
     """
 
     joints: tuple[str, ...]
-    by: float
+    by: float | tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,8 @@ def decide(state: RobotState, robot: RobotDescription, request: JointRequest, no
         to[request.joint] = request.position
         return _command(state, robot, tuple(to.values()), (request.joint,), f"{request.joint} by slider", now)
     moved = [joint for joint in robot.joints if joint.name in request.joints]
-    to |= {joint.name: to[joint.name] + request.by for joint in moved}
+    by = request.by if isinstance(request.by, tuple) else (request.by,) * len(request.joints)
+    to |= {joint: to[joint] + step for joint, step in zip(request.joints, by, strict=True)}
     title = ", ".join(f"{joint.name} to {format_command(joint, to[joint.name])}" for joint in moved)
     return _command(state, robot, tuple(to.values()), request.joints, title, now)
 

@@ -239,5 +239,5 @@ def tilt_line(reference: Tilt, axis: str) -> str:
 
 def _shortest_interval(robot: RobotDescription, binding: KeyBinding, repeat_interval_s: float) -> float:
     """Return the time in [s] between two steps, so that a held key moves no joint above its top speed."""
-    speeds = [joint.limits.speed for joint in robot.joints if joint.name in binding.joints]
-    return max(repeat_interval_s, *(abs(binding.by) / speed for speed in speeds), 0.0)
+    steps, moved = binding.steps, [joint for joint in robot.joints if joint.name in binding.joints]
+    return max(repeat_interval_s, *(abs(steps[joint.name]) / joint.limits.speed for joint in moved), 0.0)

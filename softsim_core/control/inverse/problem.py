@@ -124,6 +124,7 @@ class Limits:
         step: Largest increment of one step in [rad] or [m], shape (j,).
         torque: Largest effort in [N m] or [N], shape (j,); infinite where not limited.
         scale: Joint displacement equivalent to 1 rad of a hinge, shape (j,).
+        tension: Least tension of tendons in [N].
     """
 
     names: tuple[str, ...]
@@ -132,6 +133,7 @@ class Limits:
     step: Array
     torque: Array
     scale: Array = field(default_factory=lambda: _ONE)
+    tension: float = 0.0
 
     @classmethod
     def of(cls, scene: SceneDescription, settings: InverseSettings, period: float) -> Limits:
@@ -142,7 +144,7 @@ class Limits:
         speed = np.array([min(each.speed, _or(settings.speed, np.inf)) for each in limits])
         torque = np.full(len(limits), _or(settings.torque_limit, np.inf))
         interval = lower, np.maximum(lower, upper)
-        return cls(scene.joint_names, *interval, speed * period, torque, scales(scene))
+        return cls(scene.joint_names, *interval, speed * period, torque, scales(scene), settings.min_tension)
 
     def clamp(self, joints: Array) -> Array:
         """Clamp joint positions to the interval, shape (j,)."""

@@ -211,8 +211,8 @@ def linearise_robot(
 ) -> tuple[Linearisation, list[Constraint]]:
     """Return the linearised robot without slack, and rows that prevent tendons from pushing.
 
-    Sensitivities assume that a tendon is taut; tau + T dq >= 0 keeps it so. Any pose with slack tendons is
-    also a pose with tendons that are just taut.
+    Sensitivities assume that a tendon is taut; tau + T dq >= 0 keeps it so, or the limits' least tension in
+    place of 0. Any pose with slack tendons is also a pose with tendons that are just taut.
     """
     taut, pulls = simulation.taut_commands()
     efforts = simulation.joint_efforts
@@ -220,7 +220,9 @@ def linearise_robot(
     size = np.maximum(np.linalg.norm(sensitivity.effort, axis=1), 1e-300)
     names = tuple(f"{name}{SLACK}" for name, pull in zip(limits.names, pulls, strict=True) if pull)
     rows = Constraint(
-        -(sensitivity.effort / size[:, None])[pulls], (np.maximum(efforts, 0.0) / size)[pulls], names
+        -(sensitivity.effort / size[:, None])[pulls],
+        ((np.maximum(efforts, 0.0) - limits.tension) / size)[pulls],
+        names,
     )
     return robot, [] if rows.inactive else [rows]
 

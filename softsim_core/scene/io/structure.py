@@ -117,6 +117,8 @@ class _Converter:
         if BusServo in kinds:  # a servo with an id is on a bus
             on_bus = isinstance(value, Mapping) and "id" in value
             return self.convert(value, BusServo if on_bus else ServoCalibration)
+        if kinds == {float, tuple[float, ...]}:  # one number for all, or one for each
+            return self.convert(value, tuple[float, ...] if isinstance(value, list | tuple) else float)
         if Path in kinds and len(kinds) > 1:
             return self.convert(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
         (kind,) = kinds
