@@ -51,5 +51,5 @@ def create_scene(scene: Scene) -> None:
     scene.inverse = InverseSettings(
         rate=5.0, max_shift=0.005, min_tension=1.0, torque_limit=35.0, tolerance=3.0e-4
     )
-    servos = (BusServo(joint=joint.name, id=k, drum_radius=0.010) for k, joint in enumerate(scene.joints))
+    servos = (BusServo(joint=joint.name, id=k, travel=0.010) for k, joint in enumerate(scene.joints))
     scene.board = BoardDescription(servos=tuple(servos), baud_rate=1000000)

@@ -8,7 +8,7 @@ last bit, which floor turns into a whole degree).
 
 pulse = clip( round( sign * angle * 4096 / (2 pi) ) + zero_pulse,  pulse_min,  pulse_max )
 
-The angle of a servo that winds a cable is the joint's position over the radius of its drum.
+The angle of the servo is the joint's position over `travel`, the radius of a drum that winds a cable.
 
 An angle that is not finite, or a wrong number of angles, raises CommandError; a byte outside 0..180, or a
 wrong number of bytes, raises PacketError. Nothing is converted then.
@@ -135,7 +135,7 @@ def pulse_to_angle(pulse: float, servo: BusServo) -> float:
 
 def _scale(servo: BusServo) -> float:
     """Return the pulses per [rad] or [m] of the servo's joint."""
-    return PULSES_PER_RAD / servo.joint_per_angle
+    return PULSES_PER_RAD / servo.travel
 
 
 def within(servo: BusServo, limits: JointLimits) -> BusServo:

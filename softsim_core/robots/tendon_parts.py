@@ -17,6 +17,7 @@ from softsim_core.base import (
     Array,
     Box,
     FieldError,
+    Placement,
     SceneError,
     need_finite,
     need_not_negative,
@@ -130,8 +131,8 @@ def tendon_arm(
     """Return an arm with its base at the origin: a rod with disks, and tendons.
 
     Tendon T of segment K, both numbered from 0, is the joint sKtT. It runs parallel to the axis from a fixed
-    point at the base through all disks up to the end of its segment, straight from disk to disk. The last
-    disk of segment K is the free frame NAME_K, and the last of all is the effector.
+    point at the base through all disks up to the end of its segment, straight from disk to disk. The free
+    frame NAME_K at the last disk of segment K moves with the rod's nearest section; the last is the effector.
 
     Args:
         segments: From the base to the tip.
@@ -158,18 +159,18 @@ def tendon_arm(
         for start, segment in zip(ends, segments, strict=False)
         for disk in range(segment.disks)
     ]
-    stations = (0.0, *disks)  # of the ends of the rod's cells
-    thin = 1e-3 * float(np.diff(stations).min())
+    spacing = ends[-1] / (2 * len(disks))  # of the rod's sections: ends and middles of cells of one length
 
-    def across(station: float) -> Box:
-        """Return a box around the section of the rod at a distance in [m] from the base."""
-        return Box(center=(0.0, 0.0, sign * station), size=(1.0, 1.0, thin))
+    def across(disk: float) -> Box:
+        """Return a box around the section of the rod nearest to a distance in [m] from the base."""
+        nearest = spacing * round(disk / spacing)
+        return Box(center=(0.0, 0.0, sign * nearest), size=(1.0, 1.0, 0.1 * spacing))
 
     masses = [AddedMassDescription(mass=disk_mass, box=across(disk)) for disk in disks if disk_mass]
     body = BodyDescription(
         name=name,
         rod=RodDescription(
-            centreline=tuple((0.0, 0.0, sign * station) for station in stations),
+            centreline=((0.0, 0.0, 0.0), (0.0, 0.0, sign * ends[-1])),
             section=RodSectionDescription(
                 shape="ellipse",
                 size=(backbone.diameter, backbone.diameter),
@@ -177,7 +178,7 @@ def tendon_arm(
                 stiffness=backbone.stiffness,
             ),
             first_axis=(1.0, 0.0, 0.0),
-            elements=len(stations) - 1,
+            elements=len(disks),
         ),
         material=MaterialDescription(
             law="rod", young_modulus=backbone.young_modulus, poisson_ratio=backbone.poisson_ratio
@@ -193,7 +194,8 @@ def tendon_arm(
     )
     for k, segment in enumerate(segments):
         end, frame = ends[k + 1], f"{name}_{k}"
-        frames.append(AttachmentDescription(name=frame, body=name, to="free", box=across(end)))
+        origin = Placement(translation=(0.0, 0.0, sign * end))
+        frames.append(AttachmentDescription(name=frame, body=name, to="free", box=across(end), frame=origin))
         shape = Shape(cylinder=(1.2 * max(each.radius for each in segments[k:]), 0.002))
         pictures.append(RigidBodyDescription(name=f"disk_{k}", shape=shape, on=frame, colour=_DISK))
         for t, angle in enumerate(np.radians(segment.angles_deg)):

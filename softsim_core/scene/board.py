@@ -49,8 +49,8 @@ class BusServo:
         pulse_min, pulse_max: Range of commanded pulses, within 0..4095.
         rest_pulse: Safe pulse before start and after the end.
         speed: Speed limit of the servo itself in [rad/s], a second guard besides the joint's own limit.
-        drum_radius: Radius in [m], > 0, of the drum on which it winds a cable, whose position in [m] is the
-            angle times this radius; None: the joint's position is the angle.
+        travel: Travel of the joint per [rad] of the servo, > 0: 1 for an angle, the radius in [m] of the drum
+            that winds a cable.
     """
 
     joint: str
@@ -61,7 +61,7 @@ class BusServo:
     pulse_max: int = 4095
     rest_pulse: int = 2048
     speed: float = 7.0
-    drum_radius: float | None = None
+    travel: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.id <= 252:
@@ -69,13 +69,7 @@ class BusServo:
         if not 0 <= self.pulse_min <= self.rest_pulse <= self.pulse_max <= 4095:
             raise SceneError(f"servo {self.joint}: needs 0 <= pulse_min <= rest_pulse <= pulse_max <= 4095")
         need_positive(f"servo {self.joint}", "speed", self.speed, "rad/s")
-        if self.drum_radius is not None:
-            need_positive(f"servo {self.joint}", "drum_radius", self.drum_radius, "m")
-
-    @property
-    def joint_per_angle(self) -> float:
-        """Travel of the joint per [rad] of the servo, in [m] or [rad]."""
-        return 1.0 if self.drum_radius is None else self.drum_radius
+        need_positive(f"servo {self.joint}", "travel", self.travel, "rad or m per rad")
 
 
 Servo: TypeAlias = ServoCalibration | BusServo

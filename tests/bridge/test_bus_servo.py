@@ -19,7 +19,7 @@ from servo_bridge.driver import (
     within,
 )
 from softsim_core import load_scene
-from softsim_core.base import CommandError, ConfigError, SceneError
+from softsim_core.base import CommandError, ConfigError, FieldError, SceneError
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.scene import BusServo
 from softsim_core.scene.io import structure_scene, unstructure_scene
@@ -61,6 +61,16 @@ def test_the_formula_of_a_robot_of_this_kind() -> None:
         angle = 0.01 * step
         assert abs(angle_to_pulse(angle, servo) - (2048 - 4096 / math.tau * angle)) <= 0.5
         assert abs(angle_to_pulse(angle, servo) - (2048 - 651.9 * angle)) <= 0.51
+
+
+def test_a_servo_with_a_drum_winds_a_cable() -> None:
+    servo = BusServo(joint="a", id=0, travel=0.01)
+    assert angle_to_pulse(0.005, servo) == 2048 + round(0.5 * PULSES_PER_RAD)
+    assert pulse_to_angle(4095, servo) == pytest.approx(0.01 * 2047 / PULSES_PER_RAD)
+    narrow = within(servo, JointLimits(-0.01, 0.01))
+    assert (narrow.pulse_min, narrow.pulse_max) == (2048 - 651, 2048 + 651)
+    with pytest.raises(FieldError, match="travel"):
+        replace(servo, travel=0.0)
 
 
 @given(servos)

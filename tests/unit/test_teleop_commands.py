@@ -315,6 +315,7 @@ def test_whatever_is_typed_commands_stay_finite_and_within_limits(
         (MoveAll((-0.3, -0.4, -9.0)), (-0.3, -0.4, -2.0225)),
         (GoToPose("mid"), (-3.14 / 3,) * 3),
         (StepJoints(("servo_0", "servo_2"), 0.1), (-0.9, -1.1, -1.1)),
+        (StepJoints(("servo_0", "servo_2"), (0.1, -0.2)), (-0.9, -1.1, -1.4)),
     ],
 )
 def test_wishes_of_a_script_become_commands_within_limits(wish: Any, expected: tuple[float, ...]) -> None:

@@ -1,0 +1,146 @@
+"""Arms pulled by tendons: their generator, the bending of their segments, goals with bounded tensions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softsim_core import InverseController, Simulation, load_scene
+from softsim_core.base import FieldError, SceneError
+from softsim_core.physics.mechanics import rotation_log, rotation_of
+from softsim_core.robots import Backbone, Tendon, TendonSegment, bend_keys, bending_commands, tendon_arm
+from softsim_core.scene import RobotDescription, Scene
+
+SEGMENTS = tuple(TendonSegment(0.08, (angle, angle + 120.0, angle + 240.0)) for angle in (0.0, 40.0, 80.0))
+BACKBONE = Backbone(diameter=0.0012, young_modulus=60.0e9, density=6450.0)
+COUNTS = [3, pytest.param(200, marks=pytest.mark.exhaustive)]
+
+
+def described(*given: Any, gravity: float = 0.0, **options: Any) -> RobotDescription:
+    scene = Scene(gravity=(0.0, 0.0, -gravity))
+    scene.add(tendon_arm(*given, **options))
+    return scene.describe()
+
+
+def turns(simulation: Simulation) -> np.ndarray:
+    """Rotation vectors of the ends of all segments, (k, 3)."""
+    rotations = [rotation_of(pose.quaternion_xyzw) for pose in simulation.frames().values()]
+    return np.array([rotation_log(each) for each in rotations])
+
+
+@pytest.mark.parametrize("lengths", [(0.08, 0.08, 0.08), (0.06, 0.0625, 0.064)])
+def test_a_segment_bends_alone_to_its_angle(lengths: tuple[float, ...]) -> None:
+    segments = [replace(each, length=length) for each, length in zip(SEGMENTS, lengths, strict=True)]
+    tight = Tendon(compliance=1.0e-7, pretension=5.0)
+    for k, bend in enumerate([(0.6, 0.0), (0.0, -0.5), (0.3, 0.4)]):
+        bends = np.zeros((3, 2))
+        bends[k] = bend
+        simulation = Simulation(described(segments, BACKBONE, tight, down=False))
+        simulation.settle(bending_commands(segments, bends))
+        expected = np.cumsum(bends, axis=0) @ [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]  # towards x: about y
+        np.testing.assert_allclose(turns(simulation), expected, atol=0.04)
+
+
+def test_the_backbone_may_be_a_tube_that_hangs_or_stands() -> None:
+    tube = replace(BACKBONE, diameter=0.002, wall=0.0004)
+    for down in (True, False):
+        robot = described(SEGMENTS, tube, down=down, gravity=9.81, disk_mass=0.001, tip_load=0.01)
+        (body,) = robot.scene.bodies
+        assert body.rod is not None
+        assert body.rod.section.wall == 0.0004
+        simulation = Simulation(robot)
+        assert simulation.effector_pose is not None
+        assert simulation.effector_pose.position[2] == pytest.approx(-0.24 if down else 0.24)
+        assert simulation.model.mass.sum() == pytest.approx(
+            0.025 + 6450.0 * np.pi * (0.001**2 - 0.0006**2) * 0.24, rel=1e-3
+        )
+    assert robot.joint_names == tuple(f"s{k}t{t}" for k in range(3) for t in range(3))
+    assert robot.scene.effector == "arm_2"
+
+
+def test_mistakes_are_refused() -> None:
+    with pytest.raises(SceneError, match="at least one segment"):
+        tendon_arm((), BACKBONE)
+    with pytest.raises(FieldError, match="disk_mass"):
+        tendon_arm(SEGMENTS, BACKBONE, disk_mass=-1.0)
+    for wrong in ({"length": 0.0}, {"length": 0.1, "disks": 0}, {"length": 0.1, "angles_deg": (np.nan,)}):
+        with pytest.raises(FieldError, match="segment"):
+            TendonSegment(**wrong)
+
+
+def test_a_key_bends_one_segment_and_the_tendons_of_later_ones_follow() -> None:
+    keys = bend_keys(SEGMENTS, step=0.1)
+    assert len(keys) == 12
+    bends = np.array([[0.0, 0.0], [0.0, -0.1], [0.0, 0.0]])
+    assert keys["l"].by == pytest.approx(bending_commands(SEGMENTS, bends))
+    assert keys["l"].help == "segment 1 to -y"
+    assert not any(keys["l"].by[:3])  # type: ignore[index]
+    with pytest.raises(SceneError, match="by has 2 numbers for 9 joints"):
+        replace(keys["l"], by=(0.1, 0.2))
+
+
+def random_goals(robot: RobotDescription, count: int) -> Any:
+    """Poses at rest with random bends of the segments up to 0.9 rad."""
+    rng, simulation = np.random.default_rng(7), Simulation(robot.robot_alone())
+    for _ in range(count):
+        size, angle = 0.9 * np.sqrt(rng.uniform(size=3)), rng.uniform(0.0, 2.0 * np.pi, 3)
+        bends = np.stack([size * np.cos(angle), size * np.sin(angle)], axis=1)
+        simulation.settle(bending_commands(SEGMENTS, bends))
+        yield simulation.effector_pose
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("least", [1.0, 2.5])
+def test_goals_are_reached_with_tensions_above_the_least_and_below_the_largest(
+    count: int, least: float
+) -> None:
+    robot = load_scene("tendon_arm", kind="robots")
+    settings = replace(robot.inverse, min_tension=least)
+    controller = InverseController(robot, settings)
+    controller.start()
+    for goal in random_goals(robot, count):
+        controller.set_goal(goal)
+        for _ in range(900):
+            report = controller.tick()
+            tensions = controller.model.joint_efforts
+            assert tensions.min() >= least
+            assert tensions.max() <= settings.torque_limit
+            if report.status == "reached":
+                break
+        assert np.linalg.norm(report.model_pose.position - goal.position) <= 0.5e-3
+
+
+MEASURED = {  # of each motor: travel of the tip in [mm/deg], its direction in [deg], and travel of disk 1
+    3: (1.05, -175.0, 0.37),
+    5: (1.00, 111.0, 0.38),
+    1: (1.50, -47.0, 0.15),
+    6: (1.79, 43.0, 0.11),
+    2: (1.25, -107.0, 0.03),
+    4: (1.25, 163.0, 0.04),
+}
+"""Source: trunk-stack of the Stanford ASL, regression of its recorded motion; about a vertical axis, y up."""
+
+
+@pytest.mark.slow
+def test_the_trunk_bends_as_measured() -> None:
+    robot = load_scene("trunk", kind="robots")
+    simulation = Simulation(robot)
+    simulation.settle(np.zeros(6))
+    rest = [pose.position for pose in simulation.frames().values()]
+    assert [point[2] for point in rest] == pytest.approx([-0.106, -0.201, -0.316], abs=5e-4)
+    assert robot.board is not None
+    for joint, servo in enumerate(robot.board.bus_servos):
+        tip, direction, disk = MEASURED[servo.id]
+        command = np.zeros(6)
+        command[joint] = np.radians(20.0) * servo.travel
+        simulation.settle(command)
+        first, *_, last = (
+            pose.position - start for pose, start in zip(simulation.frames().values(), rest, strict=True)
+        )
+        assert np.hypot(*last[:2]) / 0.02 == pytest.approx(tip, rel=0.2)
+        assert np.degrees(np.arctan2(-last[1], last[0])) == pytest.approx(direction, abs=10.0)
+        assert np.hypot(*first[:2]) / 0.02 == pytest.approx(disk, abs=0.05)
