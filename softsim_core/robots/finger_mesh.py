@@ -18,7 +18,7 @@ import numpy as np
 
 from softsim_core.base import MILLIMETRE, Array, IndexArray, MeshError
 from softsim_core.physics.mesh import TetMesh, extrude, flip_to_delaunay, smooth, stitch
-from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.robots.tripod_mesh import write_mesh_files
 
 WIDTH = 15.0 * MILLIMETRE
 """Width in [m]; the finger lies from x = 0 to x = WIDTH."""

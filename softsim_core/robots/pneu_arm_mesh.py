@@ -18,7 +18,7 @@ import numpy as np
 
 from softsim_core.base import MILLIMETRE, Array, BoolArray, IndexArray, MeshError
 from softsim_core.physics.mesh import MIDDLES, TetMesh, extrude, orient_tets, quadratic
-from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.robots.tripod_mesh import write_mesh_files
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,7 @@ import numpy as np
 
 from softsim_core.base import MILLIMETRE, MeshError
 from softsim_core.physics.mesh import TetMesh, extrude, orient_tets
-from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.robots.tripod_mesh import write_mesh_files
 
 WIDTH = 14.0 * MILLIMETRE
 """Width in [m]; the finger lies from y = -WIDTH / 2 to WIDTH / 2."""

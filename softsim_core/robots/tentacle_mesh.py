@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.robots.tripod_mesh import write_mesh_files
 
 LENGTH, TAPER = 0.36, 0.305
 """Length of the bar, and distances from the base at which tendons and the steep taper end, in [m]."""

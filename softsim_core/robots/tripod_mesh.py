@@ -10,15 +10,25 @@ names.
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from softsim_core.base import MILLIMETRE, Array, IndexArray, MeshError
-from softsim_core.physics.mesh import TetMesh, extrude, flip_to_delaunay, smooth, stitch
-from softsim_core.robots.level_files import write_mesh_files
+from softsim_core.physics.mesh import (
+    TetMesh,
+    boundary_surface,
+    extrude,
+    flip_to_delaunay,
+    smooth,
+    stitch,
+    write_surface,
+    write_tets,
+)
 
 ARM_HALF_WIDTH = 15.0 * MILLIMETRE
 """Half the width of an arm in [m]."""
@@ -202,6 +212,32 @@ def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray,
     shifts = len(points) * np.arange(len(images))
     all_faces = np.concatenate([face + shift for face, shift in zip(faces, shifts, strict=True)])
     return copies[first[order]], merged[all_faces], first[order] % len(points)
+
+
+def write_mesh_files(
+    module: str, description: str, meshes: Iterable[TetMesh], arguments: Sequence[str] | None = None
+) -> int:
+    """Write NAME.vtk (tetrahedra) and NAME.stl (boundary) of each mesh, in metres, into the folder `--out`.
+
+    Args:
+        module: Name of the module that is run.
+        description: One line for the help.
+        meshes: The meshes, each written under its name.
+        arguments: Command line without the program's name; None: that of the process.
+
+    Returns:
+        Exit code; a mesh that cannot be made or written ends the process with 1 and a message.
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
+    parser.add_argument("-o", "--out", type=Path, default=Path("configs/meshes"), help="folder to write into")
+    folder: Path = parser.parse_args(arguments).out
+    try:
+        for mesh in meshes:
+            write_tets(folder / f"{mesh.name}.vtk", mesh)
+            write_surface(folder / f"{mesh.name}.stl", boundary_surface(mesh))
+    except MeshError as error:
+        parser.exit(1, f"{error}\n")
+    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
