@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Literal, TypeAlias
 
 from servo_bridge import PortError, ProtocolError
@@ -23,8 +23,8 @@ from servo_bridge.driver.takeover import Takeover
 from servo_bridge.driver.writer import run_with_timeout
 from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
 from softsim_core.base import CommandError, SceneError
-from softsim_core.physics.mechanics import check_command, check_named_command
-from softsim_core.scene import BoardDescription, BusServo, RobotDescription
+from softsim_core.physics.mechanics import JointLimits, check_command, check_named_command
+from softsim_core.scene import BoardDescription, BusServo, RobotDescription, Servo
 from softsim_node import error_text, list_names
 
 # Number of repetitions of the last packets, since one lost byte must not decide where the servos stop
@@ -125,7 +125,8 @@ class ServoDriver:
         self.may_speak = any(Ability.DETECT in each.abilities for each in protocols)
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         self._joint_names = robot.joint_names
-        limits = {joint.name: joint.limits for joint in robot.joints}
+        self._travels = tuple(_travel_of(servo) for servo in self.servos)
+        limits = {servo.joint: _angle_limits(robot, servo) for servo in self.servos}
         self.motion = ServoMotion(
             self.servo_joints,
             [servo_limits(servo, limits[servo.joint]) for servo in self.servos],
@@ -320,12 +321,14 @@ class ServoDriver:
                 return
             with self._lock:
                 now = self.clock()
-                goals = zip(self.servo_joints, self.motion.goal(now), strict=True)
-                self.motion.command([command.get(name, goal) for name, goal in goals], now)
+                goals = zip(self.servo_joints, self.motion.goal(now), self._travels, strict=True)
+                angles = [command[name] / travel if name in command else goal for name, goal, travel in goals]
+                self.motion.command(angles, now)
 
-    def _command(self, angles_rad: Sequence[float]) -> None:
+    def _command(self, positions: Sequence[float]) -> None:
         with self._lock:
-            self.motion.command(angles_rad, self.clock())
+            angles = [each / travel for each, travel in zip(positions, self._travels, strict=True)]
+            self.motion.command(angles, self.clock())
 
     def refuse(self, error: CommandError) -> None:
         """Count a refused command and store its message."""
@@ -460,7 +463,8 @@ class ServoDriver:
         self.counts.avoided += packet.avoided
         self.takeover.moved = True
         self.sent_bytes = packet.servo_bytes
-        self._applied = packet.angles_rad if measured is None else tuple(measured)
+        angles = packet.angles_rad if measured is None else measured
+        self._applied = tuple(each * travel for each, travel in zip(angles, self._travels, strict=True))
         with self._lock:
             if self._mode == "settle":  # ends at rest, or, when its time is over, where the servos stop
                 self._rest_packets += self.motion.at_rest
@@ -493,7 +497,10 @@ class ServoDriver:
         self._has_sent = False
 
     def applied_angles(self) -> tuple[float, ...]:
-        """Return joint angles in [rad], in servo order: measured if servos measure, else sent; NaN first."""
+        """Return joint positions in servo order, measured if servos measure, else sent; NaN first.
+
+        They are in [rad], or in [m] where a servo winds a cable.
+        """
         return self._applied
 
 
@@ -501,10 +508,15 @@ def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_r
     """Return the board as it is used: the ranges of bus servos narrowed to the limits of their joints."""
     joints = {joint.name: joint for joint in robot.joints}
     for servo in board.servos:
-        if joints[servo.joint].kind != "revolute":
-            raise SceneError(f"robot {robot.name}: joint {servo.joint} of a servo must be revolute")
+        joint = joints[servo.joint]
+        winds = joint.kind == "cable" and not joint.by_effort and _travel_of(servo) != 1.0
+        if joint.kind != "revolute" and not winds:
+            raise SceneError(
+                f"robot {robot.name}: joint {servo.joint} of a servo must be revolute, or a cable that is"
+                " commanded by displacement, on a bus servo with `travel`"
+            )
     servos = tuple(
-        within(servo, joints[servo.joint].limits) if isinstance(servo, BusServo) else servo
+        within(servo, _angle_limits(robot, servo)) if isinstance(servo, BusServo) else servo
         for servo in board.servos
     )
     return replace(board, servos=servos, rate=rate, baud_rate=baud_rate)
@@ -518,3 +530,14 @@ def _send(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) ->
         packet = board.hold() if packet_kind is Ability.HOLD else board.relax()
     transport.write(packet)
     return True
+
+
+def _travel_of(servo: Servo) -> float:
+    """Return the travel of a servo's joint per [rad] of the servo, in [rad] or [m]."""
+    return servo.travel if isinstance(servo, BusServo) else 1.0
+
+
+def _angle_limits(robot: RobotDescription, servo: Servo) -> JointLimits:
+    """Return the limits of a servo's joint as limits of the servo's angle in [rad]."""
+    limits = next(joint.limits for joint in robot.joints if joint.name == servo.joint)
+    return JointLimits(*(each / _travel_of(servo) for each in astuple(limits)))

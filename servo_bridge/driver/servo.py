@@ -8,8 +8,6 @@ last bit, which floor turns into a whole degree).
 
 pulse = clip( round( sign * angle * 4096 / (2 pi) ) + zero_pulse,  pulse_min,  pulse_max )
 
-The angle of the servo is the joint's position over `travel`, the radius of a drum that winds a cable.
-
 An angle that is not finite, or a wrong number of angles, raises CommandError; a byte outside 0..180, or a
 wrong number of bytes, raises PacketError. Nothing is converted then.
 """
@@ -119,23 +117,18 @@ _SLACK = 1e-9  # fraction of a pulse by which rounding may miss the pulse of a l
 
 
 def angle_to_pulse(angle_rad: float, servo: BusServo) -> int:
-    """Return the pulse of a joint position in [rad] or [m], rounded, clipped to the servo's range."""
+    """Return the pulse of a joint angle in [rad], rounded, clipped to the servo's range."""
     if not math.isfinite(angle_rad):
         raise CommandError(
             f"angle {angle_rad} for joint {servo.joint} refused: expected a finite number of radians"
         )
     lowest, highest = servo.pulse_min - servo.zero_pulse, servo.pulse_max - servo.zero_pulse
-    return round(min(max(servo.sign * angle_rad * _scale(servo), lowest), highest)) + servo.zero_pulse
+    return round(min(max(servo.sign * angle_rad * PULSES_PER_RAD, lowest), highest)) + servo.zero_pulse
 
 
 def pulse_to_angle(pulse: float, servo: BusServo) -> float:
-    """Return the joint position of a pulse; inverts `angle_to_pulse` within the servo's range."""
-    return servo.sign * (pulse - servo.zero_pulse) / _scale(servo)
-
-
-def _scale(servo: BusServo) -> float:
-    """Return the pulses per [rad] or [m] of the servo's joint."""
-    return PULSES_PER_RAD / servo.travel
+    """Return the joint angle in [rad] of a pulse; inverts `angle_to_pulse` within the servo's range."""
+    return servo.sign * (pulse - servo.zero_pulse) / PULSES_PER_RAD
 
 
 def within(servo: BusServo, limits: JointLimits) -> BusServo:
@@ -144,7 +137,9 @@ def within(servo: BusServo, limits: JointLimits) -> BusServo:
     Raises:
         SceneError: its rest pulse lies outside of them.
     """
-    ends = sorted(servo.sign * end * _scale(servo) + servo.zero_pulse for end in (limits.lower, limits.upper))
+    ends = sorted(
+        servo.sign * end * PULSES_PER_RAD + servo.zero_pulse for end in (limits.lower, limits.upper)
+    )
     low = servo.pulse_min if ends[0] == -math.inf else max(servo.pulse_min, math.ceil(ends[0] - _SLACK))
     high = servo.pulse_max if ends[1] == math.inf else min(servo.pulse_max, math.floor(ends[1] + _SLACK))
     if not low <= servo.rest_pulse <= high:

@@ -52,7 +52,7 @@ class DynamixelProtocol(BoardProtocol):
     def __init__(self, board: BoardDescription) -> None:
         super().__init__(board)
         self._servos = {servo.id: servo for servo in board.bus_servos}
-        self.top_speed = 0.9 * min(servo.speed * servo.travel for servo in self._servos.values())
+        self.top_speed = 0.9 * min(servo.speed for servo in self._servos.values())
         self._stream = PacketStream()
         self._models: dict[int, int] = {}
         self._settings: dict[int, ServoSettings] = {}

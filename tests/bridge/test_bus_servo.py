@@ -64,13 +64,21 @@ def test_the_formula_of_a_robot_of_this_kind() -> None:
 
 
 def test_a_servo_with_a_drum_winds_a_cable() -> None:
-    servo = BusServo(joint="a", id=0, travel=0.01)
-    assert angle_to_pulse(0.005, servo) == 2048 + round(0.5 * PULSES_PER_RAD)
-    assert pulse_to_angle(4095, servo) == pytest.approx(0.01 * 2047 / PULSES_PER_RAD)
-    narrow = within(servo, JointLimits(-0.01, 0.01))
-    assert (narrow.pulse_min, narrow.pulse_max) == (2048 - 651, 2048 + 651)
+    robot = load_scene("tendon_arm", kind="robots")
+    assert robot.board is not None
+    driver = ServoDriver(robot)
+    limits = driver.motion.limits[0]  # of the motors, on drums of 10 mm
+    assert (limits.upper, limits.speed) == pytest.approx((3.0, 4.0), abs=1.0 / PULSES_PER_RAD)
+    driver.command_some(["s0t1"], [0.005])
+    assert driver.motion.goal(driver.clock()) == pytest.approx((0.0, 0.5, *[0.0] * 7))
+    driver.command_named(dict.fromkeys(robot.joint_names, -0.002))
+    assert driver.motion.goal(driver.clock()) == pytest.approx((-0.2,) * 9)
+    servos = robot.board.bus_servos
     with pytest.raises(FieldError, match="travel"):
-        replace(servo, travel=0.0)
+        replace(servos[0], travel=0.0)
+    board = replace(robot.board, servos=(replace(servos[0], travel=1.0), *servos[1:]))
+    with pytest.raises(SceneError, match="joint s0t0 of a servo must be revolute, or a cable"):
+        ServoDriver(replace(robot, board=board))
 
 
 @given(servos)
