@@ -5,7 +5,6 @@ from . import (
     parts as parts,
     pneu_arm_mesh as pneu_arm_mesh,
     pneu_finger_mesh as pneu_finger_mesh,
-    tendon_parts as tendon_parts,
     tentacle_mesh as tentacle_mesh,
     tripod_mesh as tripod_mesh,
 )
