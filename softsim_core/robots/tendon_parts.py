@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import accumulate
 
 import numpy as np
@@ -103,6 +103,9 @@ class Tendon:
         compliance: Further stretch in [m/N], >= 0.
         pretension: Tension in [N] at displacement 0 under the command 0, >= 0.
         max_tension: Largest tension in [N]; None: not limited.
+        friction: Coefficient of friction at the disks, >= 0.
+        friction_per_length: Share of the tension lost per length in [1/m], >= 0.
+        presliding: Motion in [m] in which friction grows, > 0.
         pull_only: Whether it can go slack. False makes it an antagonistic pair on one motor, the second
             tendon opposite to the first: its effort is the difference of both tensions, so that its
             compliance is half of that of one tendon.
@@ -112,6 +115,9 @@ class Tendon:
     compliance: float = 0.0
     pretension: float = 0.0
     max_tension: float | None = None
+    friction: float = 0.0
+    friction_per_length: float = 0.0
+    presliding: float = 1e-4
     pull_only: bool = True
 
 
@@ -187,11 +193,8 @@ def tendon_arm(
         added_masses=(*masses, *([AddedMassDescription(mass=tip_load, end="end")] if tip_load else [])),
         colour=_BACKBONE,
     )
-    joints, frames, pictures = (
-        [],
-        [AttachmentDescription(name=f"{name}_base", body=name, to="world", end="start")],
-        [],
-    )
+    joints, pictures = list[JointDescription](), list[RigidBodyDescription]()
+    frames = [AttachmentDescription(name=f"{name}_base", body=name, to="world", end="start")]
     for k, segment in enumerate(segments):
         end, frame = ends[k + 1], f"{name}_{k}"
         origin = Placement(translation=(0.0, 0.0, sign * end))
@@ -204,11 +207,7 @@ def tendon_arm(
                 body=name,
                 points=tuple((x, y, sign * disk) for disk in disks if disk <= end * (1.0 + 1e-9)),
                 pull_point=(x, y, 0.0),
-                axial_stiffness=tendon.axial_stiffness,
-                compliance=tendon.compliance,
-                pretension=tendon.pretension,
-                max_tension=tendon.max_tension,
-                pull_only=tendon.pull_only,
+                **asdict(tendon),
             )
             joints.append(JointDescription(name=f"s{k}t{t}", kind="cable", actuator=cable, limits=limits))
     return Part(
@@ -250,10 +249,8 @@ def bend_keys(segments: Sequence[TendonSegment], step: float = 0.05) -> dict[str
         segments: One to three, as in `tendon_arm`.
         step: Bend by one press in [rad].
     """
-    keys, joints = (
-        {},
-        tuple(f"s{k}t{t}" for k, each in enumerate(segments) for t in range(len(each.angles_deg))),
-    )
+    keys = {}
+    joints = tuple(f"s{k}t{t}" for k, each in enumerate(segments) for t in range(len(each.angles_deg)))
     for k, names in enumerate(BEND_KEYS[: len(segments)]):
         for name, (x, y, towards) in zip(names, _TOWARDS, strict=True):
             bends = np.zeros((len(segments), 2))

@@ -10,6 +10,7 @@ import pytest
 
 from softsim_core import InverseController, Simulation, load_scene
 from softsim_core.base import FieldError, SceneError
+from softsim_core.physics.actuation.cable import CableView
 from softsim_core.physics.mechanics import rotation_log, rotation_of
 from softsim_core.robots import Backbone, Tendon, TendonSegment, bend_keys, bending_commands, tendon_arm
 from softsim_core.scene import RobotDescription, Scene
@@ -144,3 +145,19 @@ def test_the_trunk_bends_as_measured() -> None:
         assert np.hypot(*last[:2]) / 0.02 == pytest.approx(tip, rel=0.2)
         assert np.degrees(np.arctan2(-last[1], last[0])) == pytest.approx(direction, abs=10.0)
         assert np.hypot(*first[:2]) / 0.02 == pytest.approx(disk, abs=0.05)
+
+
+def test_tendons_rub_where_they_are_given_friction() -> None:
+    """On the way back the tip is elsewhere; the tension of a pulled tendon falls from base to tip."""
+    rubbing = Tendon(compliance=1.0e-4, pretension=2.0, friction=0.1, friction_per_length=1.0)
+    simulation = Simulation(described(SEGMENTS, BACKBONE, rubbing))
+    places = []
+    for bend in (0.3, 0.8, 0.3):
+        simulation.settle(bending_commands(SEGMENTS, np.full((3, 2), [bend, 0.0])))
+        assert simulation.effector_pose is not None
+        places.append(simulation.effector_pose.position)
+        if bend == 0.8:
+            pulled = simulation.actuators[0]
+            assert isinstance(pulled, CableView)
+            assert (np.diff(pulled.tensions) < 0.0).all()
+    assert np.linalg.norm(places[2] - places[0]) > 1e-3
