@@ -207,7 +207,7 @@ def _warm_up_contact() -> None:
     detector.free_share(points, points, np.ones(len(detector.pairs), dtype=np.bool_))
     nothing = near.select(np.zeros(len(near.key), dtype=np.bool_))
     measured_gaps(near, nothing, points, np.zeros(len(points)), 1.5)
-    detector.may_hold(near, points, points, points, Closeness(0.4, 0.1, 0.1, 1e-5), True, True)
+    detector.may_hold(near, near.key, points, points, points, Closeness(0.4, 0.1, 0.1, 1e-5), True, True)
     detector.any_astray(near, np.ones((len(near.key), 3)), points, points, 1e-5)
     rows = 1 + 3 * len(near.key)
     solve_contacts(

@@ -12,7 +12,7 @@ import numpy as np
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.compile import kernel
 from softsim_core.physics.contact.detection import Closeness, Detector, Proximities
-from softsim_core.physics.contact.rows import Carried
+from softsim_core.physics.contact.rows import NODES, Carried
 from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.contact.surfaces import CollisionSurface
 from softsim_core.physics.kernels import OneSignature
@@ -47,7 +47,32 @@ def longest_of_each(vectors: Array, first: IndexArray) -> Array:
     return result
 
 
-_longest = OneSignature(longest_of_each)
+@kernel
+def interpolate_vertices(soft: IndexArray, carried: Carried, nodal: Array, scale: float, out: Array) -> None:
+    """Write `scale` times the interpolated nodal vectors (n, 3) of the soft vertices into `out` (v, 3)."""
+    for v in soft:
+        for i in range(3):
+            total = 0.0
+            for k in range(NODES):
+                weight = carried.weights[v, k]
+                if weight != 0.0:
+                    total += weight * nodal[carried.nodes[v, k], i]
+            out[v, i] = scale * total
+
+
+@kernel
+def smallest_gap(pair: IndexArray, distance: Array, parts: BoolArray, most: float) -> float:
+    """Return the smallest distance in [m] of the pairs of surfaces with one of `parts` (s,), or `most`."""
+    least = most
+    for c in range(len(distance)):
+        if parts[pair[c, 0]] or parts[pair[c, 1]]:
+            least = min(least, distance[c])
+    return least
+
+
+_longest, _interpolate, _smallest_gap = (
+    OneSignature(each) for each in (longest_of_each, interpolate_vertices, smallest_gap)
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,6 +159,7 @@ class CollisionModel:
         soft: Vertices that nodes carry, shape (k,).
         moving: Whether frames or joints carry surfaces.
         owner: Number of the body of each surface, shape (s,).
+        still: Displacement of vertices that do not move: zeros, shape (v, 3).
         size: Diagonal of the box around all surfaces at rest in [m].
         least_gap: Smallest gap in [m] that is allowed anywhere at the end of a step.
     """
@@ -153,10 +179,6 @@ class CollisionModel:
         self.friction, self.body_names = friction, body_names
         self.owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self.soft = np.flatnonzero(weights.any(axis=1))
-        self._nodes, self._weights = nodes[self.soft], weights[self.soft]
-        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # every vertex coincides with a node
-            heaviest = self._weights.argmax(axis=1)
-            self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _stack_carriers(surfaces, nodes, weights, carriers, model)
         self.moving = any(each.list_reduced_coordinates(model) for each in carriers)
         shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
@@ -165,8 +187,8 @@ class CollisionModel:
         distance = settings.contact_distance
         self._closeness = Closeness(settings.alarm_distance, distance, _CLOSE * distance, _STRAY * distance)
         self._first = np.array([each.vertices.start for each in surfaces], dtype=np.int64)
-        self._still = np.zeros((len(nodes), 3))
-        self._fixed = self._still.copy()
+        self.still = np.zeros((len(nodes), 3))
+        self._fixed = self.still.copy()
         for each in carriers:
             self._fixed[each.vertices] = each.local
         movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
@@ -203,7 +225,7 @@ class CollisionModel:
         if self._on_ground:
             self._follow_bases(state)
         points = self._fixed.copy()
-        points[self.soft] = self._interpolate_vertices(state.positions)
+        _interpolate(self.soft, self.carried, state.positions, 1.0, points)
         for carrier in self._movable:
             origin, rotation = carrier.pose(self.model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
@@ -223,8 +245,8 @@ class CollisionModel:
         """Return the configuration at the start of a step; usually this is the end of the previous step."""
         last, still = self._last, np.zeros_like(before.rigid_velocities)
         if last is not None and np.array_equal(last.buffer, before.buffer):
-            return Place(before, last.place.points, self._still, still)
-        return Place(before, self.points(before), self._still, still)
+            return Place(before, last.place.points, self.still, still)
+        return Place(before, self.points(before), self.still, still)
 
     def end(self, start: Place, state: State) -> Place:
         """Return the configuration at the end of a step from `start` to `state`.
@@ -258,12 +280,6 @@ class CollisionModel:
         points = self.points(state)
         return Place(state, points, points - start.points, share * end.turned)
 
-    def _interpolate_vertices(self, nodal: Array) -> Array:
-        """Interpolate nodal positions or velocities (n, 3) at the soft vertices, shape (soft, 3)."""
-        if self._nodes.ndim == 1:
-            return nodal[self._nodes]
-        return np.asarray(np.einsum("vk,vki->vi", self._weights, nodal[self._nodes]))
-
     def _farthest(self, moved: Array) -> Array:
         """Return the longest displacement of a vertex of each surface in [m], shape (s,)."""
         return np.asarray(_longest(moved, self._first))
@@ -284,7 +300,7 @@ class CollisionModel:
         if last is None or last.place.points is not start.points:
             last = self._last = self._run_detection(start)
         needed = free.moved.copy()
-        needed[self.soft] = self.model.dt * self._interpolate_vertices(start.state.velocities)
+        _interpolate(self.soft, self.carried, start.state.velocities, self.model.dt, needed)
         farther, near = self._farthest(needed), last.near
         if (farther > last.travel).any():
             travel = np.maximum(farther, last.travel)
@@ -307,23 +323,31 @@ class CollisionModel:
         return self._detector.again(keys, place.points, edges_only)
 
     def may_hold(
-        self, near: Proximities, at: Place, ahead: Array, slides: Array | None, *, first: bool
-    ) -> BoolArray:
-        """Return which contacts take part in a step, linearised about a configuration, shape (k,).
+        self,
+        near: Proximities,
+        earlier: IndexArray,
+        at: Place,
+        ahead: Array,
+        slides: Array | None,
+        *,
+        first: bool,
+    ) -> tuple[BoolArray, int]:
+        """Return which contacts take part in a step, shape (k,), and the number of earlier ones among them.
 
         Contacts whose gaps close only because they are linearised far from the end are left out. If one of
         them is too close at the end, the step is linearised there again and includes it.
 
         Args:
             near: Contacts at the configuration.
-            at: The configuration.
+            earlier: Keys of contacts that take part in any case, ascending, shape (w,).
+            at: Configuration about which the step is linearised.
             ahead: Displacement of the vertices from there without contact in [m], shape (v, 3).
             slides: Displacement from there to the end found last in [m], shape (v, 3); None: the
                 configuration is that end.
             first: Whether the configuration is the start of the step.
         """
         strays, way = slides is not None, at.moved if slides is None else slides
-        return self._detector.may_hold(near, at.points, ahead, way, self._closeness, strays, first)
+        return self._detector.may_hold(near, earlier, at.points, ahead, way, self._closeness, strays, first)
 
     def any_astray(self, active: Proximities, forces: Array, at: Place, end: Place) -> bool:
         """Return whether a contact bore a force although its bodies had slid past each other by the end.
@@ -343,8 +367,7 @@ class CollisionModel:
 
     def clearance(self, near: Proximities) -> float:
         """Return the smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
-        parted = self._parts[near.pair].any(axis=1)
-        return float(near.distance[parted].min(initial=self.settings.alarm_distance))
+        return float(_smallest_gap(near.pair, near.distance, self._parts, self.settings.alarm_distance))
 
     def _run_detection(self, place: Place) -> LastDetection:
         """Run detection at a configuration, with a margin for the next step at about the current speed."""
@@ -362,8 +385,8 @@ class CollisionModel:
         state, h = place.state, self.model.dt
         travel = np.zeros(len(self.surfaces))
         if len(self.soft):
-            ways = self._still.copy()
-            ways[self.soft] = h * self._interpolate_vertices(state.velocities)
+            ways = self.still.copy()
+            _interpolate(self.soft, self.carried, state.velocities, h, ways)
             travel = self._farthest(ways)
         for turning in self._turning:
             if turning.rigid >= 0:
@@ -385,7 +408,7 @@ class CollisionModel:
 
     def compute_rolling(self, start: Place, place: Place) -> Array:
         """Return radius times rotation vector of spheres since the start in [m], else zeros, shape (v, 3)."""
-        rolled = self._still
+        rolled = self.still
         if not self._spheres:
             return rolled
         rolled = rolled.copy()

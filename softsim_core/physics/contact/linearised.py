@@ -13,6 +13,8 @@ from softsim_core.physics.contact.rows import (
     CORNERS,
     NODES,
     Motions,
+    VertexWays,
+    allocate_contacts,
     contact_frames,
     contact_rows,
     gaps_after,
@@ -21,8 +23,6 @@ from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.mechanics import MotionSubspace, Rows, cross_matrix
 
-KEYS = 1 << 52
-"""Keys of contacts are reduced modulo this, so that a float64 represents them exactly."""
 _FORESEEN = 0.1
 """Gap beyond the contact distance, as a share of it, below which a contact is foreseen to close."""
 _frames, _fill_rows, _gaps_after = (OneSignature(each) for each in (contact_frames, contact_rows, gaps_after))
@@ -47,6 +47,7 @@ class LinearisedContacts:
         friction: Coulomb coefficient of each contact, shape (k,).
         keys: Key of each contact's feature pair, shape (k,).
         closing: Whether surfaces meet there, as far as can be foreseen without the forces, shape (k,).
+        forces: Initial forces in [N]: those of the same contacts in the warm start, else zero, shape (k, 3).
     """
 
     collisions: CollisionModel
@@ -62,6 +63,7 @@ class LinearisedContacts:
     friction: Array
     keys: Array
     closing: BoolArray
+    forces: Array
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -70,15 +72,6 @@ class LinearisedContacts:
     def settings(self) -> ContactLimits:
         """Limits of the contact solver."""
         return self.collisions.settings
-
-    def first_forces(self, warm_start: Array) -> Array:
-        """Return initial forces (k, 3) in [N]: those of the same contacts in State.warm_start, else zero."""
-        start = np.zeros((len(self), 3))
-        if len(warm_start) and len(self):
-            place = np.minimum(np.searchsorted(warm_start[:, 0], self.keys), len(warm_start) - 1)
-            matched = warm_start[place, 0] == self.keys
-            start[matched] = warm_start[place[matched], 1:]
-        return start
 
     def warm_start(self, forces: Array) -> Array:
         """Return State.warm_start for this step's forces (k, 3) in [N], sorted by key."""
@@ -98,8 +91,7 @@ class LinearisedContacts:
         Returns:
             Rows on nodes and reduced coordinates, and rows on velocities and spins of the rigid bodies.
         """
-        sides = self.vertices[which], self.shares[which]
-        return _rows(self.collisions, *sides, self.directions[which], self.at, self.motions, self.anew)
+        return _rows(self, which)
 
 
 def linearise(
@@ -110,6 +102,7 @@ def linearise(
     free: Place,
     slides: Array | None,
     earlier: IndexArray,
+    warm_start: Array,
 ) -> LinearisedContacts:
     """Return the contacts that may bear a force in a step from `start` to `free`, linearised about `at`.
 
@@ -120,31 +113,23 @@ def linearise(
     Contacts of an `earlier` solution, given by their keys (ascending, unique), take part again, even where
     detection now finds another feature closer, because the contact force keeps them apart: pairs of edges
     always, a vertex only after the first solution of a step. About the start itself, the free motion of rigid
-    bodies is used without linearisation.
+    bodies is used without linearisation. `warm_start` has the initial forces; see State.warm_start.
     """
     settings = collisions.settings
     ahead = free.points - at.points
-    lost = earlier[~_among(near.key, earlier)]
-    chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
+    chosen, found_again = collisions.may_hold(near, earlier, at, ahead, slides, first=at is start)
+    lost = np.setdiff1d(earlier, near.key) if found_again < len(earlier) else earlier[:0]
     near = near.select(chosen)
     if len(lost):
         near = near.join(collisions.again(lost, at, edges_only=at is start))
-    vertices = np.concatenate([near.a, near.b], axis=1)
-    shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
-    count, anew = len(near.key), at is not start
-    directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+    anew = at is not start
     if anew:
         ahead[collisions.carried.rigid >= 0] = 0.0  # their rows account for it, below
     rolled = collisions.compute_rolling(start, at if anew else free)
-    _frames(
-        vertices, shares, near.normal, near.distance, at.points, at.moved, ahead, rolled,
-        settings.contact_distance, directions, gap, middle,
-    )  # fmt: skip
-    foreseen = near.distance - settings.contact_distance
-    if slides is not None:
-        foreseen = _gaps_after(vertices, shares, near.normal, foreseen, slides)
-    keys = (near.key % KEYS).astype(float)
-    friction = collisions.friction[near.pair[:, 0], near.pair[:, 1]]
+    way = VertexWays(at.points, at.moved, ahead, collisions.still if slides is None else slides, rolled)
+    contacts = allocate_contacts(len(near.key))
+    apart = settings.contact_distance
+    _frames(near, way, collisions.friction, apart, _FORESEEN * apart, warm_start, contacts)
     subspace = collisions.motion_subspace(at) or NO_MOTION
     motions = Motions(
         at.state.rigid_positions.copy(),
@@ -153,55 +138,28 @@ def linearise(
         subspace.origin,
         len(collisions.model.rest),
     )
+    result = LinearisedContacts(collisions, near, at, motions, anew, *contacts)
     if anew and len(collisions.model.rigid.names):
-        _, on_rigid = _rows(collisions, vertices, shares, directions, at, motions, anew)
-        gap += (on_rigid @ (free.turned - at.turned).ravel()).reshape(-1, 3)
-    closing = (foreseen < _FORESEEN * settings.contact_distance) & (gap[:, 0] < 0.0)
-    return LinearisedContacts(
-        collisions,
-        near,
-        at,
-        motions,
-        anew,
-        vertices,
-        shares,
-        gap,
-        directions,
-        middle,
-        friction,
-        keys,
-        closing,
-    )
+        _, on_rigid = _rows(result, np.ones(len(result), dtype=np.bool_))
+        result.gap[:] += (on_rigid @ (free.turned - at.turned).ravel()).reshape(-1, 3)
+    result.closing[:] &= result.gap[:, 0] < 0.0
+    return result
 
 
-def _among(keys: IndexArray, requested: IndexArray) -> BoolArray:
-    """Return which of the `requested` (w,) are among `keys` (k,), ascending."""
-    if not len(keys):
-        return np.zeros(len(requested), dtype=np.bool_)
-    place = np.minimum(np.searchsorted(keys, requested), len(keys) - 1)
-    return np.asarray(keys[place] == requested)
-
-
-def _rows(
-    collisions: CollisionModel,
-    vertices: IndexArray,
-    shares: Array,
-    directions: Array,
-    at: Place,
-    motions: Motions,
-    anew: bool,
-) -> tuple[Rows, Array]:
+def _rows(contacts: LinearisedContacts, which: BoolArray) -> tuple[Rows, Array]:
     """Return the rows of contacts on nodes and reduced coordinates, and those on the rigid bodies."""
-    model, carried, count = collisions.model, collisions.carried, 3 * len(vertices)
+    collisions, at, carried = contacts.collisions, contacts.at, contacts.collisions.carried
+    count = 3 * int(np.count_nonzero(which))
     start = np.zeros(count + 1, dtype=np.int64)
     most = CORNERS * max(NODES, carried.reduced.shape[1])  # entries of a row
     place = np.empty(count * most, dtype=np.int64)
     coefficient = np.empty((count * most, 3))
-    on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
+    on_rigid = np.zeros((count, 6 * len(collisions.model.rigid.names)))
     entries = _fill_rows(
-        vertices, shares, directions, at.points, carried, motions, start, place, coefficient, on_rigid
-    )
-    if anew and on_rigid.size:
+        which, contacts.vertices, contacts.shares, contacts.directions, at.points, carried, contacts.motions,
+        start, place, coefficient, on_rigid,
+    )  # fmt: skip
+    if contacts.anew and on_rigid.size:
         _follow_turn(on_rigid, collisions, at)
     return Rows(start, place[:entries], coefficient[:entries]), on_rigid
 

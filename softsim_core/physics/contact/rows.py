@@ -5,14 +5,20 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.compile import kernel
+from softsim_core.physics.contact.detection import Proximities
 
 CORNERS = 6
 """Largest number of vertices of a contact, three on each side."""
 
 NODES = 4
 """Number of nodes that carry a soft vertex."""
+
+KEYS = 1 << 52
+"""Keys of contacts are reduced modulo this, so that a float64 represents them exactly."""
 
 
 class Carried(NamedTuple):
@@ -52,6 +58,7 @@ class Motions(NamedTuple):
 
 @kernel
 def contact_rows(
+    which: BoolArray,
     vertices: IndexArray,
     shares: Array,
     directions: Array,
@@ -63,27 +70,30 @@ def contact_rows(
     coefficient: Array,
     on_rigid: Array,
 ) -> int:
-    """Fill three rows per contact and return the number of entries.
+    """Fill three rows for each of the chosen contacts and return the number of entries.
 
     Args:
+        which: The chosen contacts, shape (k,).
         vertices: Vertices of both sides, shape (k, 6).
         shares: Weights of these vertices, negative on the second side, shape (k, 6).
         directions: Normal, from the second side to the first, and tangents, shape (k, 3, 3).
         points: Vertex positions in [m], shape (v, 3).
         carried: Carriers of the vertices.
         motions: Motion of the carriers.
-        start: Filled: first entry of each row, shape (3 k + 1,).
+        start: Filled: first entry of each row, shape (3 w + 1,) for w chosen contacts.
         place: Filled: node, or `nodes` + reduced coordinate.
         coefficient: Filled, shape (.., 3).
-        on_rigid: Added to: velocity and spin of the rigid bodies, shape (3 k, 6 r).
+        on_rigid: Added to: velocity and spin of the rigid bodies, shape (3 w, 6 r).
     """
     rigid_positions, nodes = motions.rigid_positions, motions.nodes
     angular, linear, origin = motions.angular, motions.linear, motions.origin
-    count = 0
+    count, row = 0, -1
     start[0] = 0
     for c in range(len(vertices)):
+        if not which[c]:
+            continue
         for d in range(3):
-            row = 3 * c + d
+            row += 1
             x, y, z = directions[c, d, 0], directions[c, d, 1], directions[c, d, 2]
             for k in range(6):
                 share, v = shares[c, k], vertices[c, k]
@@ -133,39 +143,73 @@ def contact_rows(
     return count
 
 
+class ContactArrays(NamedTuple):
+    """Data of k contacts for their rows; for the fields see LinearisedContacts."""
+
+    vertices: IndexArray
+    shares: Array
+    gap: Array
+    directions: Array
+    points: Array
+    friction: Array
+    keys: Array
+    closing: BoolArray
+    forces: Array
+
+
+def allocate_contacts(count: int) -> ContactArrays:
+    """Return uninitialised arrays for `count` contacts."""
+    return ContactArrays(
+        np.empty((count, 6), np.int64),
+        np.empty((count, 6)),
+        np.empty((count, 3)),
+        np.empty((count, 3, 3)),
+        np.empty((count, 3)),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, np.bool_),
+        np.empty((count, 3)),
+    )
+
+
+class VertexWays(NamedTuple):
+    """Positions and displacements of the collision vertices in [m], shape (v, 3) each.
+
+    Attributes:
+        points: Positions.
+        moved: Displacement since the start of the step.
+        ahead: Remaining displacement without contact.
+        slides: Displacement to the end that is foreseen.
+        rolled: Radius times rotation vector of spheres, zeros elsewhere.
+    """
+
+    points: Array
+    moved: Array
+    ahead: Array
+    slides: Array
+    rolled: Array
+
+
 @kernel
 def contact_frames(
-    vertices: IndexArray,
-    shares: Array,
-    normal: Array,
-    distance: Array,
-    points: Array,
-    moved: Array,
-    ahead: Array,
-    rolled: Array,
-    apart: float,
-    directions: Array,
-    gap: Array,
-    middle: Array,
-) -> None:
-    """Fill directions, gaps and midpoints of k contacts.
+    near: Proximities, ways: VertexWays, friction: Array, apart: float, closing: float, warm_start: Array,
+    contacts: ContactArrays,
+) -> None:  # fmt: skip
+    """Fill the data of k contacts; equal normals give equal tangents.
 
     Args:
-        vertices: Vertices of both sides, shape (k, 6).
-        shares: Weights of these vertices, negative on the second side, shape (k, 6).
-        normal: From the second side to the first, shape (k, 3).
-        distance: Gaps at `points` in [m], shape (k,).
-        points: Vertex positions in [m], shape (v, 3).
-        moved: Displacement since the start of the step in [m], shape (v, 3).
-        ahead: Remaining displacement without contact in [m], shape (v, 3).
-        rolled: Radius times rotation vector of spheres in [m], zeros elsewhere, shape (v, 3).
+        near: Closest points of the contacts.
+        ways: Positions and displacements of the vertices.
+        friction: Coulomb coefficient of each pair of surfaces, shape (s, s).
         apart: Contact distance in [m].
-        directions: Filled: normal and two tangents, shape (k, 3, 3); equal normals give equal tangents.
-        gap: Filled: the gap beyond the contact distance after free motion, then the slips, in [m], (k, 3).
-        middle: Filled: midpoint between the two sides in [m], shape (k, 3).
+        closing: Gap beyond the contact distance in [m] below which a contact is foreseen to close.
+        warm_start: Keys, ascending, and forces of earlier contacts; see State.warm_start.
+        contacts: Filled.
     """
-    for c in range(len(normal)):
-        n = normal[c]
+    vertices, shares, gap, directions = contacts.vertices, contacts.shares, contacts.gap, contacts.directions
+    points, moved, ahead, rolled, middle = ways.points, ways.moved, ways.ahead, ways.rolled, contacts.points
+    for c in range(len(near.distance)):
+        n = near.normal[c]
         least = 0
         for i in (1, 2):
             if abs(n[i]) < abs(n[least]):
@@ -178,7 +222,10 @@ def contact_frames(
             a, b = (i + 1) % 3, (i + 2) % 3
             second[i] = n[a] * first[b] - n[b] * first[a]
             directions[c, 0, i], gap[c, i], middle[c, i] = n[i], 0.0, 0.0
+            vertices[c, i], vertices[c, 3 + i] = near.a[c, i], near.b[c, i]
+            shares[c, i], shares[c, 3 + i] = near.a_weights[c, i], -near.b_weights[c, i]
         roll = vertices[c, 0], vertices[c, 3]
+        foreseen = near.distance[c] - apart
         for i in range(3):
             a, b = (i + 1) % 3, (i + 2) % 3
             slip = way = 0.0
@@ -186,13 +233,34 @@ def contact_frames(
                 v = vertices[c, q]
                 slip += shares[c, q] * moved[v, i]
                 way += shares[c, q] * ahead[v, i]
+                foreseen += shares[c, q] * n[i] * ways.slides[v, i]
                 middle[c, i] += 0.5 * abs(shares[c, q]) * points[v, i]
             for v in roll:
                 slip -= rolled[v, a] * n[b] - rolled[v, b] * n[a]
             gap[c, 0] += n[i] * way
             for d in range(1, 3):
                 gap[c, d] += directions[c, d, i] * (slip + way)
-        gap[c, 0] += distance[c] - apart
+        gap[c, 0] += near.distance[c] - apart
+        contacts.friction[c] = friction[near.pair[c, 0], near.pair[c, 1]]
+        contacts.closing[c] = foreseen < closing
+        contacts.keys[c] = near.key[c] % KEYS
+        contacts.forces[c] = 0.0
+        place = _first_at_least(contacts.keys[c], warm_start)
+        if place < len(warm_start) and warm_start[place, 0] == contacts.keys[c]:
+            contacts.forces[c] = warm_start[place, 1:]
+
+
+@kernel
+def _first_at_least(key: float, rows: Array) -> int:
+    """Return the first of the rows, ascending in column 0, that begins with `key` or more."""
+    low, high = 0, len(rows)
+    while low < high:
+        middle = (low + high) // 2
+        if rows[middle, 0] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @kernel

@@ -172,9 +172,9 @@ class ContactPhase:
         best: Pass | None = None
         earlier = warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64)
         for count in range(1, MOST_PASSES + 1):
-            touching = linearise(collisions, near, start, place, free, slides, earlier)
+            touching = linearise(collisions, near, start, place, free, slides, earlier, warm_start)
             watch.mark("detect")
-            reached, solution, end = self._press(motion, report, touching, warm_start, (start, free), watch)
+            reached, solution, end = self._press(motion, report, touching, (start, free), watch)
             if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
                 return reached
             end = end._replace(state=state)
@@ -212,7 +212,6 @@ class ContactPhase:
         motion: Iteration,
         report: StepReport,
         touching: LinearisedContacts,
-        warm_start: Array,
         way: tuple[Place, Place],
         watch: Stopwatch,
     ) -> tuple[StepReport, ContactSolution, Place]:
@@ -225,14 +224,13 @@ class ContactPhase:
             motion: The iteration.
             report: Its report.
             touching: All contacts that may bear a force.
-            warm_start: State.warm_start.
             way: Configurations at the start of the step, and at its end without contact forces.
             watch: Measures the stages.
 
         Returns:
             Report of the step, forces of all contacts (k, 3), and the configuration at the end.
         """
-        (start, end), forces = way, touching.first_forces(warm_start)
+        (start, end), forces = way, touching.forces
         pressing = touching.closing | forces.any(axis=1)
         solution = ContactSolution(np.zeros_like(forces), 0.0, 0)
         for rest in (False, True, True):

@@ -59,6 +59,8 @@ def may_hold(
     distance: Array,
     foremost: BoolArray,
     seeker: IndexArray,
+    key: IndexArray,
+    earlier: IndexArray,
     points: Array,
     ahead: Array,
     slides: Array,
@@ -67,14 +69,22 @@ def may_hold(
     closeness: Closeness,
     strays: bool,
     foremost_strays: bool,
-) -> BoolArray:
-    """Return which contacts take part, (k,): local minima, vertices that would arrive, and close contacts.
+) -> tuple[BoolArray, int]:
+    """Return which contacts take part, (k,), and the number of earlier ones among them.
 
-    For the arguments see Detector.may_hold. Fields of Proximities and Topology are passed one by one, because
+    These are local minima, vertices that would arrive, close contacts, and earlier contacts. For the
+    arguments see Detector.may_hold. Fields of Proximities and Topology are passed one by one, because
     passing the whole tuples takes longer than the computation.
     """
     holds = np.zeros(distance.shape[0], dtype=np.bool_)
+    passed, again = 0, 0  # earlier keys with a smaller key than contact c; earlier ones found again
     for c in range(distance.shape[0]):
+        while passed < len(earlier) and earlier[passed] < key[c]:
+            passed += 1
+        if passed < len(earlier) and earlier[passed] == key[c]:
+            holds[c] = True
+            again += 1
+            continue
         n = row(normal, c)
         arriving = distance[c] + dot(
             minus(interpolate_side(a, a_weights, c, ahead), interpolate_side(b, b_weights, c, ahead)), n
@@ -85,7 +95,7 @@ def may_hold(
             slip = minus(interpolate_side(a, a_weights, c, slides), interpolate_side(b, b_weights, c, slides))
             close = _false_closing(a[c], b[c], n, slip, points, ring_start, ring) < closeness.stray
         holds[c] = close
-    return holds
+    return holds, again
 
 
 @kernel
@@ -183,7 +193,7 @@ class Proximities(NamedTuple):
     def select(self, which: BoolArray) -> Proximities:
         """Return the contacts `which` (k,)."""
         (chosen,) = which.nonzero()
-        return Proximities._make(each[chosen] for each in self)
+        return Proximities._make([each.take(chosen, axis=0) for each in self])
 
     def join(self, other: Proximities) -> Proximities:
         """Return these contacts, followed by others."""
@@ -293,13 +303,14 @@ class Detector:
         return _copy_contacts(found)
 
     def may_hold(
-        self, near: Proximities, points: Array, ahead: Array, slides: Array, closeness: Closeness,
-        strays: bool, foremost_strays: bool,
-    ) -> BoolArray:  # fmt: skip
-        """Return which contacts take part in a step, shape (k,).
+        self, near: Proximities, earlier: IndexArray, points: Array, ahead: Array, slides: Array,
+        closeness: Closeness, strays: bool, foremost_strays: bool,
+    ) -> tuple[BoolArray, int]:  # fmt: skip
+        """Return which contacts take part in a step, shape (k,), and the number of earlier ones found again.
 
         Args:
-            near: The contacts.
+            near: The contacts, with ascending keys.
+            earlier: Keys of contacts that take part in any case, ascending, shape (w,).
             points: Vertex positions in [m], shape (v, 3).
             ahead: Remaining displacement without contact in [m], shape (v, 3).
             slides: Displacement in the step in [m], shape (v, 3).
@@ -307,13 +318,12 @@ class Detector:
             strays: Whether to leave out gaps that close only because they are linearised.
             foremost_strays: Whether to leave them out for local minima, too.
         """
-        return np.asarray(
-            self._may_hold(
-                near.a, near.a_weights, near.b, near.b_weights, near.normal, near.distance, near.foremost,
-                near.seeker, points, ahead, slides, self._topology.ring_start, self._topology.ring,
-                closeness, strays, foremost_strays,
-            )
+        holds, again = self._may_hold(
+            near.a, near.a_weights, near.b, near.b_weights, near.normal, near.distance, near.foremost,
+            near.seeker, near.key, earlier, points, ahead, slides, self._topology.ring_start,
+            self._topology.ring, closeness, strays, foremost_strays,
         )  # fmt: skip
+        return holds, again
 
     def any_astray(
         self, active: Proximities, forces: Array, points: Array, slides: Array, limit: float
@@ -367,7 +377,7 @@ class Detector:
 def _copy_contacts(found: ContactBuffers) -> Proximities:
     """Return copies of the contacts that were found, sorted by key."""
     order = np.argsort(found.key[: found.counter[0]], kind="stable")
-    return Proximities._make(getattr(found, name)[order] for name in Proximities._fields)
+    return Proximities._make([getattr(found, name).take(order, axis=0) for name in Proximities._fields])
 
 
 def measured_gaps(

@@ -20,6 +20,7 @@ from softsim_core.physics.contact.solver.law import (
     violation,
 )
 from softsim_core.physics.contact.solver.smoothing import solve_by_sharpening
+from softsim_core.physics.kernels import OneSignature
 
 _STEPS = 16
 """Largest number of consecutive Newton steps, as long as each reduces the residual."""
@@ -204,8 +205,8 @@ def solve_contacts(
     forces = np.array(start, dtype=np.float64)
     contacts = (len(forces) - len(lower)) // 3
     each = np.ones(contacts) * friction
-    problem = ContactProblem(np.ascontiguousarray(compliance), gap, lower, upper, each)
-    residual, sweeps = _solve(problem, forces, iterations, tolerance)
+    arrays = (np.ascontiguousarray(array, np.float64) for array in (compliance, gap, lower, upper, each))
+    residual, sweeps = _solve_problem(ContactProblem(*arrays), forces, int(iterations), float(tolerance))
     return ContactSolution(forces, residual, sweeps)
 
 
@@ -231,6 +232,9 @@ def _solve(problem: ContactProblem, forces: Array, iterations: int, tolerance: f
         state[:] = gaps_under(problem, forces)
         planned, attempt = 2 * planned, attempt + 1
     return residual, sweeps
+
+
+_solve_problem = OneSignature(_solve)
 
 
 @kernel
