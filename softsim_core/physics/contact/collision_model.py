@@ -109,14 +109,14 @@ class LastDetection(NamedTuple):
     """Configuration at which detection last ran, and its result.
 
     Attributes:
-        buffer: State at that moment, shaped as State.buffer.
+        buffer: State at that moment: the bytes of State.buffer.
         place: The configuration.
         travel: Travel that was assumed for each surface from there on, in [m], shape (s,).
         near: Contacts that were found.
         motion_subspace: Motion subspace of the reduced coordinates; None where they carry no surface.
     """
 
-    buffer: Array
+    buffer: bytes
     place: Place
     travel: Array
     near: Proximities
@@ -203,6 +203,7 @@ class CollisionModel:
         self._parts = np.array([self._yields(each) for each in surfaces])
         self._parted = self._parts[self._detector.pairs].any(axis=1)
         self._spare = np.where([each.moving for each in surfaces], _SPARE * settings.alarm_distance, 0.0)
+        self._drop = model.dt**2 * model.gravity
         self._fall = model.dt * float(np.linalg.norm(model.gravity))
         self._turning = tuple(
             _turning(s, each, model)
@@ -244,7 +245,7 @@ class CollisionModel:
     def start(self, before: State) -> Place:
         """Return the configuration at the start of a step; usually this is the end of the previous step."""
         last, still = self._last, np.zeros_like(before.rigid_velocities)
-        if last is not None and np.array_equal(last.buffer, before.buffer):
+        if last is not None and last.buffer == before.buffer.tobytes():
             return Place(before, last.place.points, self.still, still)
         return Place(before, self.points(before), self.still, still)
 
@@ -305,7 +306,7 @@ class CollisionModel:
         if (farther > last.travel).any():
             travel = np.maximum(farther, last.travel)
             near = self._detector.candidates(start.points, self.settings.alarm_distance, travel)
-        needed[self._falling] -= self.model.dt**2 * self.model.gravity
+        needed[self._falling] -= self._drop
         return near, needed
 
     def at_end(self, end: Place) -> Proximities:
@@ -359,7 +360,10 @@ class CollisionModel:
 
     def free_share(self, start: Place, end: Place) -> float:
         """Return the share of the motion from `start` to `end` without passing through a surface."""
-        travel = self._farthest(end.moved)[self._detector.pairs].sum(axis=1)
+        farthest = self._farthest(end.moved)
+        if 2.0 * farthest.max(initial=0.0) <= self.least_gap:  # no pair comes closer by more than this
+            return 1.0
+        travel = farthest[self._detector.pairs].sum(axis=1)
         watched = self._parted & (travel > self.least_gap)
         if not watched.any():
             return 1.0
@@ -374,7 +378,7 @@ class CollisionModel:
         motion_subspace = self.motion_subspace(place)
         travel = self._bound_travel(place, motion_subspace)
         near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
-        return LastDetection(place.state.buffer.copy(), place, travel, near, motion_subspace)
+        return LastDetection(place.state.buffer.tobytes(), place, travel, near, motion_subspace)
 
     def _bound_travel(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
         """Return a bound on the travel of each surface's vertices in the next step in [m], shape (s,).

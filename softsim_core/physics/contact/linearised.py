@@ -29,7 +29,7 @@ _frames, _fill_rows, _gaps_after = (OneSignature(each) for each in (contact_fram
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class LinearisedContacts:
     """Contacts of one step: three rows each, along the normal and two tangents.
 
@@ -75,8 +75,9 @@ class LinearisedContacts:
 
     def warm_start(self, forces: Array) -> Array:
         """Return State.warm_start for this step's forces (k, 3) in [N], sorted by key."""
-        rows = np.column_stack([self.keys, forces])
-        return rows[np.argsort(self.keys, kind="stable")]
+        rows = np.empty((len(self), 4))
+        rows[:, 0], rows[:, 1:] = self.keys, forces
+        return rows.take(np.argsort(self.keys, kind="stable"), axis=0)
 
     def too_close(self, end: Place) -> BoolArray:
         """Return which contacts are closer than allowed at a configuration, as linearised, shape (k,)."""

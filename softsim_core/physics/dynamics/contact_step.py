@@ -170,7 +170,7 @@ class ContactPhase:
         self._apart = collisions.clearance(near)
         slides: Array | None = first_slides
         best: Pass | None = None
-        earlier = warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64)
+        earlier = warm_start[warm_start[:, 1] > 0.0, 0].astype(np.int64)  # no friction without a normal force
         for count in range(1, MOST_PASSES + 1):
             touching = linearise(collisions, near, start, place, free, slides, earlier, warm_start)
             watch.mark("detect")
@@ -231,7 +231,7 @@ class ContactPhase:
             Report of the step, forces of all contacts (k, 3), and the configuration at the end.
         """
         (start, end), forces = way, touching.forces
-        pressing = touching.closing | forces.any(axis=1)
+        pressing = touching.closing | (forces[:, 0] > 0.0)
         solution = ContactSolution(np.zeros_like(forces), 0.0, 0)
         for rest in (False, True, True):
             motion.state.copy_from(self._free)
@@ -277,15 +277,17 @@ class ContactPhase:
         compliance = np.zeros((len(on_rigid),) * 2)
         transmissions = self.actuators.transmissions_of_step(before, motion.control, model)
         if reaches:
-            compliance = h * h * motion.compliance(rows)
-            np.einsum("ii->i", compliance)[:acting] += transmissions.compliance[:acting]
+            compliance = motion.compliance(rows)
+            compliance *= h * h
         moves = model.rigid.response(before, on_rigid)
         compliance[acting:, acting:] += h * h * (moves @ on_rigid.T)
-        watch.mark("compliance")
         multipliers = self.actuators.multipliers(state)[:acting]
-        gap = np.append(motion.violations[:acting], touching.gap[pressing])
-        gap -= compliance[:, :acting] @ multipliers
-        first = np.append(self.actuators.multipliers(before)[:acting], warm_forces[pressing])
+        gap, first = touching.gap[pressing].ravel(), warm_forces[pressing].ravel()
+        if acting:
+            np.einsum("ii->i", compliance)[:acting] += transmissions.compliance
+            gap = np.append(motion.violations, gap) - compliance[:, :acting] @ multipliers
+            first = np.append(self.actuators.multipliers(before), first)
+        watch.mark("compliance")
         friction = touching.friction[pressing]
         wrong = np.zeros_like(gap)  # error of the approximate compliance in each row
         for _ in range(MOST_ROUNDS):
@@ -325,14 +327,10 @@ class ContactPhase:
 
 def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:
     """Return the report with a top speed in [m/s] that includes the rigid bodies; NaN stays NaN."""
-    speeds = np.abs(state.rigid_velocities)
-    speeds[:, 3:] *= rigid.gyration[:, None]
-    speed = float(speeds.max(initial=0.0))
-    return (
-        report
-        if speed <= report.top_speed or report.top_speed != report.top_speed
-        else replace(report, top_speed=speed)
-    )
+    if not rigid.names or report.top_speed != report.top_speed:
+        return report
+    speed = float(np.abs(state.rigid_velocities * rigid.speeds).max())
+    return report if speed <= report.top_speed else replace(report, top_speed=speed)
 
 
 def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactReport:

@@ -439,7 +439,9 @@ class Iteration:
         It is a displacement at the end of the step per force and dt^2.
         """
         assert self._motion is not None
-        return self._newton.scheme.ratio**2 * self._motion.compliance(rows)
+        compliance = self._motion.compliance(rows)
+        compliance *= self._newton.scheme.ratio**2
+        return compliance
 
     def correct(self, impulses: Array) -> StepReport:
         """Add the effect of impulses on the rows to this iteration's unconstrained motion, in place.

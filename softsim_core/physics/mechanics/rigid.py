@@ -38,6 +38,7 @@ class RigidBodies:
             (r, 6); zeros by default.
         inverse_inertia: Inverse of the inertia in [1/(kg m^2)], body axes, shape (r, 3, 3).
         gyration: Radius of gyration in [m] about the axis of the mean moment, shape (r,).
+        speeds: Factors that make velocities and spins comparable speeds: 1 and `gyration`, shape (r, 6).
         even: Whether the inertia is the same about all axes, as for spheres and cubes: the spin stays
             constant.
     """
@@ -50,12 +51,16 @@ class RigidBodies:
     rest_velocities: Array = field(default_factory=lambda: np.zeros((0, 6)))
     inverse_inertia: Array = field(init=False)
     gyration: Array = field(init=False)
+    speeds: Array = field(init=False)
     even: tuple[bool, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inverse_inertia", np.linalg.inv(self.inertia))
         mean = np.trace(self.inertia, axis1=1, axis2=2) / 3.0
         object.__setattr__(self, "gyration", np.sqrt(1.5 * mean / self.mass))
+        object.__setattr__(
+            self, "speeds", np.repeat(np.column_stack([np.ones(len(mean)), self.gyration]), 3, 1)
+        )
         off = np.abs(self.inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
         object.__setattr__(self, "even", tuple((off <= 1e-12 * mean).tolist()))
         if not len(self.rest_velocities):

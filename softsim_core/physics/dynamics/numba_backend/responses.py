@@ -32,6 +32,25 @@ from softsim_core.physics.mechanics import Model, Rows, State
 
 
 @kernel
+def order_rows(rows: Rows, unknown: IndexArray, column: IndexArray) -> None:
+    """Set the column of each row, by the first unknown that it acts on; `unknown` is Nodes.first_unknown.
+
+    A part of the tree then meets a narrow span of columns.
+    """
+    first = np.full(len(column), 3 * len(unknown))  # rows of frames and joints alone come last
+    for r in range(len(column)):
+        for e in range(rows.start[r], rows.start[r + 1]):
+            n = rows.place[e]
+            if n < len(unknown) and unknown[n] >= 0:
+                first[r] = min(first[r], unknown[n])
+    for r in range(len(column)):
+        rank = 0
+        for q in range(len(column)):
+            rank += first[q] < first[r] or (first[q] == first[r] and q < r)
+        column[r] = rank
+
+
+@kernel
 def spread_rows(
     rows: Rows, column: IndexArray, motion: Motion, arrays: StepArrays, spread: Array, spans: IndexArray
 ) -> None:
@@ -221,9 +240,8 @@ class Responses:
         self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
         self._column, self._buffer = np.zeros(0, np.int64), np.zeros(0)
         self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
+        self._order_rows = OneSignature(order_rows)
         self._let_reduced_move = OneSignature(let_reduced_move)
-        unknown = prepared.nodes.first_unknown
-        self._unknown = np.append(np.where(unknown < 0, self._first, unknown), self._first)
 
     def positive(self) -> bool:
         """Return whether the free nodes' matrix had positive pivots.
@@ -301,17 +319,9 @@ class Responses:
         return placed, self._spread
 
     def _columns(self, rows: Rows) -> IndexArray:
-        """Return the column of each row, by the first unknown that it acts on.
-
-        A part of the tree then meets a narrow span of columns.
-        """
-        first = np.full(rows.height, self._first)
-        filled = np.flatnonzero(rows.start[1:] > rows.start[:-1])
-        if len(filled):
-            unknown = self._unknown.take(rows.place, mode="clip")  # places of frames and joints: the last
-            first[filled] = np.minimum.reduceat(unknown, rows.start[filled])
+        """Return the column of each row; see order_rows."""
         column = np.empty(rows.height, dtype=np.int64)
-        column[np.argsort(first, kind="stable")] = np.arange(rows.height)
+        self._order_rows(rows, self.prepared.nodes.first_unknown, column)
         return column
 
     def _take_buffers(self, *shapes: tuple[int, ...]) -> list[Array]:
