@@ -148,8 +148,11 @@ NEAR = 0.1
 LONG = {"turning": 1.0, "whole": np.inf, "rotated": np.inf, "distant": NEAR}
 """Step length, in sizes of an element, after which the next step has the distant tangent again."""
 
-MOST_LED = 16
+MOST_LED = 24
 """Largest number of steps without mass."""
+
+LED_CLOSER, SAME_PULL = 0.01, 1e-8
+"""Their last length as a share of the tolerance, since it shrinks linearly; last change of multipliers."""
 
 TURNS = 3
 """Largest number of rotating steps with the distant tangent."""
@@ -309,7 +312,7 @@ class StaticProblem:
     def lead(self, massless: MasslessStepper, tolerance: float) -> State | None:
         """Return the equilibrium to which commands lead, by steps of the model without mass.
 
-        None: commands do not change, or the steps do not get shorter, or what they find is unstable.
+        None: commands do not change, the steps do not get short enough, or what they find is unstable.
         """
         if not self._driven:
             return None
@@ -318,16 +321,19 @@ class StaticProblem:
         control = replace(self.control, forces=forces)
         for k, _ in relaxing_groups(self.model):
             state.extra[step_stress_name(k)][:] = 0.0  # at rest, all stress that relaxes has done so
-        sizes = [np.inf]
+        close = min(tolerance, max(LED_CLOSER * tolerance, 1e-11))
         for _ in range(MOST_LED):
             state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
-            before = state.positions.copy()
+            before, pulled = state.positions.copy(), self._multipliers(state)
             report = massless.step(state, control, parameters)
             self.iterations += 1
-            sizes.append(float(np.abs(state.positions - before).max(initial=0.0)))
-            if not (report.positive and sizes[-1] < np.inf):
+            size = float(np.abs(state.positions - before).max(initial=0.0))
+            if not (report.positive and size < np.inf):
                 return None
-            if sizes[-1] <= tolerance:
+            now = self._multipliers(state)  # friction depends on those of the iteration before
+            if size <= close and np.abs(now - pulled).max(initial=0.0) <= SAME_PULL * np.abs(now).max(
+                initial=0.0
+            ):
                 break
         else:
             return None
