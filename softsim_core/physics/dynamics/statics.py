@@ -148,8 +148,11 @@ NEAR = 0.1
 LONG = {"turning": 1.0, "whole": np.inf, "rotated": np.inf, "distant": NEAR}
 """Step length, in sizes of an element, after which the next step has the distant tangent again."""
 
-MOST_LED = 24
+MOST_LED = 61
 """Largest number of steps without mass."""
+
+LED_TOGETHER, LED_LESS = 10, 0.1
+"""Number of them in which their length has to fall to this share."""
 
 LED_CLOSER, SAME_PULL = 0.01, 1e-8
 """Their last length as a share of the tolerance, since it shrinks linearly; last change of multipliers."""
@@ -322,18 +325,20 @@ class StaticProblem:
         for k, _ in relaxing_groups(self.model):
             state.extra[step_stress_name(k)][:] = 0.0  # at rest, all stress that relaxes has done so
         close = min(tolerance, max(LED_CLOSER * tolerance, 1e-11))
-        for _ in range(MOST_LED):
+        earlier = np.inf
+        for number in range(MOST_LED):
             state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
             before, pulled = state.positions.copy(), self._multipliers(state)
             report = massless.step(state, control, parameters)
             self.iterations += 1
             size = float(np.abs(state.positions - before).max(initial=0.0))
-            if not (report.positive and size < np.inf):
-                return None
+            if number % LED_TOGETHER == 0:
+                if not (report.positive and size < LED_LESS * earlier):
+                    return None
+                earlier = size
             now = self._multipliers(state)  # friction depends on those of the iteration before
-            if size <= close and np.abs(now - pulled).max(initial=0.0) <= SAME_PULL * np.abs(now).max(
-                initial=0.0
-            ):
+            change = np.abs(now - pulled).max(initial=0.0)
+            if size <= close and change <= SAME_PULL * np.abs(now).max(initial=0.0):
                 break
         else:
             return None
