@@ -110,9 +110,9 @@ def _place_value(value: Any, motion: Motion) -> Any:
 
 
 def _vectors(value: Any, move: Any) -> Any:
-    """Move a vector, or a list of them; None stays None."""
-    if value is None:
-        return None
-    if value and isinstance(value[0], tuple):
+    """Move a vector, or a list of them; None and an empty list stay."""
+    if not value:
+        return value
+    if isinstance(value[0], tuple):
         return tuple(vector(move(each)) for each in value)
     return vector(move(value))

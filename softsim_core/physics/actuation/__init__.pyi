@@ -5,7 +5,6 @@ from .actuators import (
     Constraints as Constraints,
     GeometricStiffness as GeometricStiffness,
     MeasuredSize as MeasuredSize,
-    PassiveRows as PassiveRows,
     PlainGroup as PlainGroup,
     Transmission as Transmission,
     no_geometric_stiffness as no_geometric_stiffness,

@@ -256,16 +256,16 @@ class PassiveRows(RowSet, Protocol):
     """
 
     @property
-    def keeps(self) -> int:
+    def memory_size(self) -> int:
         """How many numbers of memory they have."""
         ...
 
-    def transmissions(self, model: Model, state: State, kept: Array) -> Transmissions:
-        """Return the constraints, linearised at a state, with the memory `kept` of where the motion began."""
+    def transmissions(self, model: Model, state: State, memory: Array) -> Transmissions:
+        """Return the constraints, linearised at a state, with the memory of where the motion began."""
         ...
 
-    def remember(self, model: Model, state: State, kept: Array) -> None:
-        """Update the memory `kept` after a motion that ended in a state."""
+    def remember(self, model: Model, state: State, memory: Array) -> None:
+        """Update the memory (memory_size,) after a motion that ended in a state."""
         ...
 
 
@@ -415,8 +415,8 @@ class Actuators:
         self.multiplied: IndexArray = self.joint[self.constraints.by_multiplier[: len(self.joint)]]
         first = self._rows.tolist()
         keeping = [(first[g] + c, each) for g, group in enumerate(self.groups) for c, each in group.keeping()]
-        kept = [each.keeps for _, each in keeping] + [each.keeps for each in self._passive]
-        ends = np.cumsum([0, *kept]).tolist()
+        sizes = [each.keeps for _, each in keeping] + [each.memory_size for each in self._passive]
+        ends = np.cumsum([0, *sizes]).tolist()
         self.internal_size: int = ends[-1]
         self._keeping = [
             (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)

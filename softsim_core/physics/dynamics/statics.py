@@ -148,13 +148,13 @@ NEAR = 0.1
 LONG = {"turning": 1.0, "whole": np.inf, "rotated": np.inf, "distant": NEAR}
 """Step length, in sizes of an element, after which the next step has the distant tangent again."""
 
-MOST_LED = 61
+MOST_MASSLESS = 61
 """Largest number of steps without mass."""
 
-LED_TOGETHER, LED_LESS = 10, 0.1
+CHECKED_EVERY, SHORTER = 10, 0.1
 """Number of them in which their length has to fall to this share."""
 
-LED_CLOSER, SAME_PULL = 0.01, 1e-8
+CLOSER, SAME_PULL = 0.01, 1e-8
 """Their last length as a share of the tolerance, since it shrinks linearly; last change of multipliers."""
 
 TURNS = 3
@@ -324,16 +324,16 @@ class StaticProblem:
         control = replace(self.control, forces=forces)
         for k, _ in relaxing_groups(self.model):
             state.extra[step_stress_name(k)][:] = 0.0  # at rest, all stress that relaxes has done so
-        close = min(tolerance, max(LED_CLOSER * tolerance, 1e-11))
+        close = min(tolerance, max(CLOSER * tolerance, 1e-11))
         earlier = np.inf
-        for number in range(MOST_LED):
+        for number in range(MOST_MASSLESS):
             state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
             before, pulled = state.positions.copy(), self._multipliers(state)
             report = massless.step(state, control, parameters)
             self.iterations += 1
             size = float(np.abs(state.positions - before).max(initial=0.0))
-            if number % LED_TOGETHER == 0:
-                if not (report.positive and size < LED_LESS * earlier):
+            if number % CHECKED_EVERY == 0:
+                if not (report.positive and size < SHORTER * earlier):
                     return None
                 earlier = size
             now = self._multipliers(state)  # friction depends on those of the iteration before
@@ -805,8 +805,8 @@ def solve_static(
     chosen, acting = solver or choose_linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
-        if massless is not None and (led := problem.lead(massless, tolerance)) is not None:
-            return StaticSolution(led, problem.iterations, 1, problem.finish(led))
+        if massless is not None and (end := problem.lead(massless, tolerance)) is not None:
+            return StaticSolution(end, problem.iterations, 1, problem.finish(end))
         problem.begin()
         try:
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1

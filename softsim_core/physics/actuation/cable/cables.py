@@ -486,7 +486,7 @@ class Guides:
         object.__setattr__(self, "at_guide", points[entries] == np.repeat(self.point, counts))
 
     @property
-    def keeps(self) -> int:
+    def memory_size(self) -> int:
         """Numbers of memory: z0 and s0 of each guide."""
         return 2 * len(self.point)
 
@@ -503,11 +503,11 @@ class Guides:
         whole, part = (cables.spread(model, state, points, each) for each in (cables.pulls(points), beyond))
         return np.where(self.at_guide[:, None], part[self.entries], whole[self.entries])
 
-    def transmissions(self, model: Model, state: State, kept: Array) -> Transmissions:
+    def transmissions(self, model: Model, state: State, memory: Array) -> Transmissions:
         """Return the law of each guide, linearised at a state; see PassiveRows."""
         cables = self.cables
         unit, lengths = cables.directions(cables.points(model, state))
-        shares, slid = self._shares(lengths, kept)
+        shares, slid = self._shares(lengths, memory)
         loss = self._losses(unit)
         left = np.exp(-loss * shares)
         before = self._tensions_before(state, np.exp(-(loss * shares) @ self.beyond), lengths)
@@ -516,23 +516,23 @@ class Guides:
         stiffness = (before * loss * left / self.presliding)[resisting]
         compliance[resisting] = 1.0 / stiffness
         force = np.where(resisting, before * (left - 1.0), 0.0)
-        held = np.where(resisting, before, 0.0)
-        lower, upper = held * np.expm1(-loss), held * np.expm1(loss)
+        acting = np.where(resisting, before, 0.0)
+        lower, upper = acting * np.expm1(-loss), acting * np.expm1(loss)
         return Transmissions(slid + compliance * force, compliance, lower, upper, np.zeros_like(compliance))
 
-    def remember(self, model: Model, state: State, kept: Array) -> None:
-        """Write z and s at the end of a motion into `kept`."""
+    def remember(self, model: Model, state: State, memory: Array) -> None:
+        """Write z and s at the end of a motion into `memory`."""
         _, lengths = self.cables.directions(self.cables.points(model, state))
-        kept[: len(self.point)] = self._shares(lengths, kept)[0]
-        kept[len(self.point) :] = self.at_rest - self.beyond @ lengths
+        memory[: len(self.point)] = self._shares(lengths, memory)[0]
+        memory[len(self.point) :] = self.at_rest - self.beyond @ lengths
 
     def tension_changes(self, state: State) -> Array:
         """Return the sum of the tension changes before each segment in [N], shape (p - 1,)."""
         return np.asarray(state.extra[PASSIVE_EFFORTS] @ self.beyond)
 
-    def _shares(self, lengths: Array, kept: Array) -> tuple[Array, Array]:
+    def _shares(self, lengths: Array, memory: Array) -> tuple[Array, Array]:
         """Return z, and s at which it is reached first in [m], shapes (m,), with segments of `lengths`."""
-        began, place = kept.reshape(2, -1)
+        began, place = memory.reshape(2, -1)
         moved = self.at_rest - self.beyond @ lengths - place
         shares = np.clip(began + moved / self.presliding, -1.0, 1.0)
         return shares, place + self.presliding * (shares - began)
