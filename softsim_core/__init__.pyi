@@ -184,6 +184,7 @@ from .scene import (
     AddedMassDescription as AddedMassDescription,
     AttachmentDescription as AttachmentDescription,
     AxisDescription as AxisDescription,
+    Backbone as Backbone,
     BoardDescription as BoardDescription,
     BodyDescription as BodyDescription,
     BusServo as BusServo,
@@ -212,11 +213,14 @@ from .scene import (
     ServoCalibration as ServoCalibration,
     SolverSettings as SolverSettings,
     StartAnimation as StartAnimation,
+    Tendon as Tendon,
+    TendonSegment as TendonSegment,
     ViewSettings as ViewSettings,
     animated as animated,
     find_config as find_config,
     known_scenes as known_scenes,
     load_scene as load_scene,
+    tendon_arm as tendon_arm,
 )
 from .scene.arm import (
     ArmDescription as ArmDescription,

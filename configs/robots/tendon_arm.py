@@ -7,6 +7,7 @@ the joint sKtT; the frame at the end of segment K is arm_K.
 import numpy as np
 
 from softsim_core import (
+    Backbone,
     BoardDescription,
     BusServo,
     InverseSettings,
@@ -14,8 +15,11 @@ from softsim_core import (
     KeyBinding,
     Scene,
     SolverSettings,
+    Tendon,
+    TendonSegment,
+    tendon_arm,
 )
-from softsim_core.robots import Backbone, Tendon, TendonSegment, bend_keys, bending_commands, tendon_arm
+from softsim_core.robots import bend_keys, bending_commands
 
 SEGMENTS = tuple(TendonSegment(0.08, (angle, angle + 120.0, angle + 240.0)) for angle in (0.0, 40.0, 80.0))
 

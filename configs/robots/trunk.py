@@ -5,6 +5,7 @@ assumed, such that each motor moves tip and first disk as far per degree as meas
 """
 
 from softsim_core import (
+    Backbone,
     BoardDescription,
     BusServo,
     InverseSettings,
@@ -12,8 +13,11 @@ from softsim_core import (
     KeyBinding,
     Scene,
     SolverSettings,
+    Tendon,
+    TendonSegment,
+    tendon_arm,
 )
-from softsim_core.robots import Backbone, Tendon, TendonSegment, bend_keys, tendon_arm
+from softsim_core.robots import bend_keys
 
 SEGMENTS = (  # base, middle and tip: directions of the motors 3 and 5, 1 and 6, 2 and 4 in [deg]
     TendonSegment(0.106, (175.0, -111.0), disks=5, radius=0.02),

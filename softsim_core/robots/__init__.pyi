@@ -22,6 +22,8 @@ from .maze_mesh import (
 from .parts import (
     WheelSpring as WheelSpring,
     actuated_arm as actuated_arm,
+    bend_keys as bend_keys,
+    bending_commands as bending_commands,
     elastic_body as elastic_body,
     fixing_box as fixing_box,
     move_all as move_all,
@@ -35,14 +37,6 @@ from .pneu_arm_mesh import (
 )
 from .pneu_finger_mesh import (
     pneu_finger as pneu_finger,
-)
-from .tendon_parts import (
-    Backbone as Backbone,
-    Tendon as Tendon,
-    TendonSegment as TendonSegment,
-    bend_keys as bend_keys,
-    bending_commands as bending_commands,
-    tendon_arm as tendon_arm,
 )
 from .tentacle_mesh import (
     tentacle as tentacle,

@@ -7,12 +7,15 @@ scene.add(tripod(ServoCircle(servos=4), silicone=my_cross))
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from softsim_core.base import Box, MeshFile, Placement, SceneError, Sphere, Vector
+import numpy as np
+
+from softsim_core.base import Array, Box, MeshFile, Placement, SceneError, Sphere, Vector
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import TetMesh
 from softsim_core.scene import (
@@ -20,9 +23,11 @@ from softsim_core.scene import (
     BodyDescription,
     Controller,
     JointDescription,
+    KeyBinding,
     MaterialDescription,
     Part,
     RunningSimulation,
+    TendonSegment,
     animated,
 )
 from softsim_core.scene.io import config_file
@@ -32,6 +37,10 @@ MeshLevel: TypeAlias = Literal["low", "mid", "high"]
 TRIPOD_LIMITS = JointLimits(lower=-2.0225, upper=-0.0255, speed=3.5, acceleration=35.0)
 """Range in [rad], top speed in [rad/s] (200 deg/s) and acceleration of the Tripod's servos as mounted."""
 
+BEND_KEYS = (("up", "down", "left", "right"), ("w", "s", "k", "l"), ("t", "g", "f", "h"))
+"""Keys of a tendon arm's first three segments: bend towards +x, -x, +y, -y."""
+
+_TOWARDS = ((1.0, 0.0, "+x"), (-1.0, 0.0, "-x"), (0.0, 1.0, "+y"), (0.0, -1.0, "-y"))
 _TIP_SIZE: Vector = (0.030, 0.045, 0.015)
 _NOWHERE = Placement()
 _FREE = JointLimits()
@@ -300,3 +309,44 @@ def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
         simulation.command([target * factor] * len(simulation.joint_names))
 
     return animated(move, duration, delay=delay)
+
+
+def bending_commands(segments: Sequence[TendonSegment], bends: Array) -> Array:
+    """Return the displacement of each tendon in [m] that bends segments of constant curvature, shape (t,).
+
+    A tendon of a segment also passes through all segments before it, so that a segment bends alone only if
+    the tendons of later ones follow: s = sum_j radius_j (bx_j cos a + by_j sin a), over its own segment and
+    those before. Stretch of tendons and of the rod is neglected.
+
+    Args:
+        segments: As in `tendon_arm`.
+        bends: Angle in [rad] by which each segment bends towards the axes x and y, shape (k, 2).
+
+    Raises:
+        ValueError: not one bend per segment.
+    """
+    total = np.cumsum([segment.radius * bend for segment, bend in zip(segments, bends, strict=True)], axis=0)
+    return np.concatenate([
+        np.array([np.cos(angles), np.sin(angles)]).T @ along
+        for angles, along in zip(
+            (np.radians(segment.angles_deg) for segment in segments), total, strict=True
+        )
+    ])  # fmt: skip
+
+
+def bend_keys(segments: Sequence[TendonSegment], step: float = 0.05) -> dict[str, KeyBinding]:
+    """Return keys that bend one segment each, while the tendons of later segments follow.
+
+    Args:
+        segments: One to three, as in `tendon_arm`.
+        step: Bend by one press in [rad].
+    """
+    keys = {}
+    joints = tuple(f"s{k}t{t}" for k, each in enumerate(segments) for t in range(len(each.angles_deg)))
+    for k, names in enumerate(BEND_KEYS[: len(segments)]):
+        for name, (x, y, towards) in zip(names, _TOWARDS, strict=True):
+            bends = np.zeros((len(segments), 2))
+            bends[k] = step * x, step * y
+            by = tuple(bending_commands(segments, bends).tolist())
+            keys[name] = KeyBinding(joints=joints, by=by, help=f"segment {k} to {towards}")
+    return keys

@@ -80,6 +80,13 @@ from .size import (
     check_size as check_size,
     scene_size as scene_size,
 )
+from .tendons import (
+    Backbone as Backbone,
+    Tendon as Tendon,
+    TendonArmDescription as TendonArmDescription,
+    TendonSegment as TendonSegment,
+    tendon_arm as tendon_arm,
+)
 from .view import (
     LAYERS as LAYERS,
     STRESS_MAPS as STRESS_MAPS,

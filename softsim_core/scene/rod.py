@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -275,6 +276,8 @@ class RodDescription:
         across: For a rod with an element of tetrahedra: number of boxes of six tetrahedra along the first and
             the second axis, up to 1000; `elements` is their number along the rod.
         natural: Shape without load: "as_drawn" or "straight".
+        stiffness_factors: Factors on the stiffness along it: pairs of the share of the length up to which a
+            factor holds, and the factor, > 0; the shares increase, the last is 1. None: 1 everywhere.
         curvature: In [1/m] beyond that of the natural shape: along the first and the second axis, and twist
             in [rad/m].
         length: Length without load in [m]; None: that of the centreline.
@@ -290,6 +293,7 @@ class RodDescription:
     elements: int = 8
     across: tuple[int, int] = (1, 1)
     natural: NaturalShape = "as_drawn"
+    stiffness_factors: tuple[tuple[float, float], ...] = ()
     curvature: Vector = (0.0, 0.0, 0.0)
     length: float | None = None
     start_clamp: RodClampDescription | None = None
@@ -301,6 +305,13 @@ class RodDescription:
         for point in self.centreline:
             need_finite("rod", "centreline", point)
         need_finite("rod", "first_axis", self.first_axis)
+        shares = [0.0, *(share for share, _ in self.stiffness_factors)]
+        if self.stiffness_factors and not (
+            all(before < share for before, share in pairwise(shares)) and math.isclose(shares[-1], 1.0)
+        ):
+            raise FieldError("rod", "stiffness_factors", shares[1:], "shares that increase up to 1")
+        for _, factor in self.stiffness_factors:
+            need_positive("rod", "stiffness_factors", factor, "")
         need_finite("rod", "curvature", self.curvature)
         for end in ("start_direction", "end_direction"):
             if (direction := getattr(self, end)) is not None:
@@ -331,6 +342,7 @@ class RodDescription:
             "section.layers": bool(section.layers),
             "section.stiffness": section.stiffness is not None,
             "curvature": any(self.curvature),
+            "stiffness_factors": bool(self.stiffness_factors),
             "start_clamp": self.start_clamp is not None,
             "end_clamp": self.end_clamp is not None,
         }

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from softsim_core import InverseController, Simulation, load_scene
+from softsim_core import ConfigError, InverseController, Simulation, load_scene
 from softsim_core.base import FieldError, SceneError
 from softsim_core.physics.actuation.cable import CableView
 from softsim_core.physics.mechanics import rotation_log, rotation_of
-from softsim_core.robots import Backbone, Tendon, TendonSegment, bend_keys, bending_commands, tendon_arm
-from softsim_core.scene import RobotDescription, Scene
+from softsim_core.robots import bend_keys, bending_commands
+from softsim_core.scene import Backbone, RobotDescription, Scene, Tendon, TendonSegment, tendon_arm
 
 SEGMENTS = tuple(TendonSegment(0.08, (angle, angle + 120.0, angle + 240.0)) for angle in (0.0, 40.0, 80.0))
 BACKBONE = Backbone(diameter=0.0012, young_modulus=60.0e9, density=6450.0)
@@ -43,6 +44,48 @@ def test_a_segment_bends_alone_to_its_angle(lengths: tuple[float, ...]) -> None:
         simulation.settle(bending_commands(segments, bends))
         expected = np.cumsum(bends, axis=0) @ [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]  # towards x: about y
         np.testing.assert_allclose(turns(simulation), expected, atol=0.04)
+
+
+def test_segments_differ_in_radius_stiffness_slack_and_tendons() -> None:
+    """One tendon bends a segment by stroke / radius, and two segments inversely to their stiffness."""
+    tight, loose = Tendon(compliance=1.0e-7), Tendon(compliance=1.0e-3)
+    first = TendonSegment(0.08, (0.0,), disks=8, radius=0.004)
+    second = TendonSegment(0.08, (0.0,), disks=8, radius=0.008, stiffness=2.0, slack=(0.001,))
+    simulation = Simulation(described([first], BACKBONE, tight, down=False))
+    simulation.settle([0.002])
+    assert np.linalg.norm(turns(simulation)[-1]) == pytest.approx(0.5, rel=0.02)
+    both = [replace(first, angles_deg=(), radius=0.006), replace(second, radius=0.006)]
+    simulation = Simulation(described(both, BACKBONE, tight, down=False))
+    simulation.settle([0.001])  # as long as the slack
+    assert simulation.joint_efforts == pytest.approx([0.0], abs=1e-3)
+    simulation.settle([0.004])
+    bent = np.linalg.norm(turns(simulation), axis=1)[-2:]
+    assert bent == pytest.approx([2.0 / 3.0 * 0.5, 0.5], rel=0.02)
+    simulation = Simulation(described([replace(first, tendon=loose)], BACKBONE, tight, down=False))
+    simulation.settle([0.002])
+    stretch = 0.002 - 0.004 * np.linalg.norm(turns(simulation)[-1])
+    assert stretch == pytest.approx(1.0e-3 * simulation.joint_efforts[0], rel=0.03)
+
+
+def test_a_scene_file_describes_the_same_arm(tmp_path: Path) -> None:
+    """The key `tendon_arm` gives what the function gives; other keys merge over it."""
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "name: mine\ngravity: [0, 0, 0]\njoints: [{name: s0t1, limits: {lower: -0.004, upper: 0.004}}]\n"
+        "tendon_arm:\n  backbone: {diameter: 0.0012, young_modulus: 6.0e+10, density: 6450}\n"
+        "  segments: [{length: 0.08, angles_deg: [0, 120, 240]}]\n"
+    )
+    robot = load_scene(file)
+    made = described([SEGMENTS[0]], BACKBONE)
+    assert robot.scene.bodies == made.scene.bodies
+    assert robot.scene.attachments == made.scene.attachments
+    assert robot.joints[0] == made.joints[0]
+    assert robot.joints[1].limits.upper == 0.004
+    for text, where in (("segments: []", "at least one segment"), ("segments: [{length: -1}]", "length")):
+        wrong = file.read_text().split("  segments")[0] + f"  {text}\n"
+        (tmp_path / "wrong.yaml").write_text(wrong)
+        with pytest.raises(ConfigError, match=rf"wrong.yaml: line \d+.*: tendon_arm.*{where}"):
+            load_scene(tmp_path / "wrong.yaml")
 
 
 def test_the_backbone_may_be_a_tube_that_hangs_or_stands() -> None:

@@ -231,7 +231,7 @@ def _keys(value: object) -> set[str]:
 
 def _fields() -> set[str]:
     """Names of the fields of every description, and of the parameters of every material law."""
-    found = {"extends", "arm", "law", "preset", "stiffness_factor", "prony", *actuator_kinds()}
+    found = {"extends", "arm", "tendon_arm", "law", "preset", "stiffness_factor", "prony", *actuator_kinds()}
     for law in material_names():
         found |= {parameter.name for parameter in material(law).parameters}
     for module in [

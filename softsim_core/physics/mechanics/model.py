@@ -18,7 +18,7 @@ from softsim_core.physics.fem import ElementGroup, MassCoupling
 from softsim_core.physics.fem.elements import Element
 from softsim_core.physics.fem.materials import Material
 from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import cross_matrix, rotation_exp
+from softsim_core.physics.mechanics.pose import cross, cross_matrix, rotation_exp
 from softsim_core.physics.mechanics.rigid import RigidBodies
 from softsim_core.physics.mechanics.state import State
 
@@ -318,8 +318,8 @@ class MotionSubspace:
 
     def work(self, chosen: IndexArray, points: Array, forces: Array) -> Array:
         """Return the work of `forces` (p, 3) on `points` (p, 3) per unit motion of k coordinates, (k,)."""
-        force, moment = forces.sum(axis=0), np.cross(points, forces).sum(axis=0)
-        moments = moment - np.cross(self.origin[chosen], force)
+        force, moment = forces.sum(axis=0), cross(points, forces).sum(axis=0)
+        moments = moment - cross(self.origin[chosen], force)
         return np.asarray(self.linear[chosen] @ force + np.einsum("ki,ki->k", self.angular[chosen], moments))
 
     def jacobian(self, k: int, points: Array) -> Array:

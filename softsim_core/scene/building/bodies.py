@@ -314,11 +314,13 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> tup
     at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
     area, line = _stiffness(rod.section, at_points, moduli)
     area_at_sections, _ = _stiffness(rod.section, at_sections, moduli)
+    line *= _stiffness_factors(rod, at_points)[..., None, None]
+    across = (area_at_sections * _stiffness_factors(rod, at_sections))[..., None, None] * np.eye(3)
     sections = RodSections(
         lengths=np.full(rod.elements, length / rod.elements),
         area=area,
         line=line,
-        across=area_at_sections[..., None, None] * np.eye(3),
+        across=across,
         curvature=np.broadcast_to(np.array(rod.curvature, dtype=float), (rod.elements, 3)),
         straight=np.full(rod.elements, rod.natural == "straight"),
         own=np.zeros(rod.elements, dtype=np.bool_),
@@ -459,6 +461,14 @@ def _stiffness(section: RodSectionDescription, along: Array, moduli: Array) -> t
         for k in (1, 2, 4, 5):
             line[..., k, k] *= mean
     return area, line
+
+
+def _stiffness_factors(rod: RodDescription, along: Array) -> Array:
+    """Return the factors on the stiffness at parts of the length."""
+    if not rod.stiffness_factors:
+        return np.ones_like(along)
+    shares, factors = np.array(rod.stiffness_factors).T
+    return np.asarray(factors[np.searchsorted(shares[:-1], along)])
 
 
 _RING = 2.0 * math.pi * np.arange(ROUND) / ROUND

@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, TypeAlias
 from softsim_core.base import ConfigError, SceneName, known_names, listing, on_one_line
 from softsim_core.physics.actuation import ActuatorDescription, described_kinds
 from softsim_core.physics.sensing import SimulatedSensorDescription, sensor_kind, sensor_kinds
-from softsim_core.scene import RobotDescription, hints_of, is_absent, is_beside
+from softsim_core.scene import RobotDescription, TendonArmDescription, hints_of, is_absent, is_beside
 from softsim_core.scene.arm import ArmDescription
 
 Kind: TypeAlias = Literal["robots", "scenes"]
@@ -112,7 +112,11 @@ def _paths_of(variable: str) -> list[Path]:
     return [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
-KEYS_OF_FILES: dict[str, Any] = {"extends": SceneName, "arm": ArmDescription}
+KEYS_OF_FILES: dict[str, Any] = {
+    "extends": SceneName,
+    "arm": ArmDescription,
+    "tendon_arm": TendonArmDescription,
+}
 """Top-level keys of a scene's file that are no field of its description, with their types."""
 
 

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from softsim_core import MOVED
 from softsim_core.base import ConfigError, SceneError, SoftSimError
-from softsim_core.scene import Controller, RobotDescription, Scene
+from softsim_core.scene import Controller, RobotDescription, Scene, TendonArmDescription
 from softsim_core.scene.arm import ArmDescription, ToolDescription, arm_with_tools
 from softsim_core.scene.io.files import Kind, find_config
 from softsim_core.scene.io.portable import mark_source, unstructure_scene
@@ -136,6 +136,8 @@ def _build_scene(
         data = merge(data, mark_source(overrides, Path(f"overrides of {path.name}")))
     if "arm" in data:
         data = _over_arm(data, path, (*below, path))
+    if "tendon_arm" in data:
+        data = _over_tendon_arm(data, path)
     return replace(structure_scene(data, path), source=path)
 
 
@@ -160,6 +162,21 @@ def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> Sour
     except SceneError as error:
         raise ConfigError(file, "arm", str(error).removeprefix("arm: ")) from error
     return merge(unstructure_scene(robot), data)
+
+
+def _over_tendon_arm(data: SourcedMapping, path: Path) -> SourcedMapping:
+    """Return the data of a file merged over the tendon arm that it describes."""
+    key = "tendon_arm"
+    file, place, described = data.file_of(key) or path, data.places.get(key), data.pop(key)
+    if not isinstance(described, SourcedMapping):
+        raise ConfigError(file, key, "must be a mapping of segments, backbone and others", place)
+    arm = structure_description(described, TendonArmDescription, file, at=key)
+    scene = Scene(name=str(data.get("name", path.stem)))
+    try:
+        scene.add(arm.part())
+        return merge(unstructure_scene(scene.describe()), data)
+    except SceneError as error:
+        raise ConfigError(file, key, str(error).removeprefix(f"tendon arm {arm.name}: "), place) from error
 
 
 MODULES: Final = {

@@ -141,7 +141,7 @@ class _Converter:
             raise RefusedValue(
                 f"must be a mapping with keys among {listing(keys)}, not {format_value(value)}"
             )
-        refuse_unknown(value, list(keys), ("extends", "arm") if cls is RobotDescription else ())
+        refuse_unknown(value, list(keys), ("extends", "arm", "tendon_arm") if cls is RobotDescription else ())
         return self._build(value, cls)
 
     def _joint(self, value: Mapping[str, Any]) -> JointDescription:

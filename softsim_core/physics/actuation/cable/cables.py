@@ -47,7 +47,7 @@ from softsim_core.physics.actuation import (
     no_geometric_stiffness,
 )
 from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.mechanics import PASSIVE_EFFORTS, Model, Rows, State, Transmissions
+from softsim_core.physics.mechanics import PASSIVE_EFFORTS, Model, Rows, State, Transmissions, cross
 
 IN_BODY, IN_WORLD = -2, -1
 """Carriers of a cable's points that no joint carries."""
@@ -305,7 +305,7 @@ class Cables:
         """Return the velocity of outside points per unit velocity of each joint that carries them, (m, 3)."""
         motion, k = model.motion_subspace(state), self.layout.lever_unknowns
         arms = points[self.layout.lever_points] - motion.origin[k]
-        return np.cross(motion.angular[k], arms) + motion.linear[k]
+        return cross(motion.angular[k], arms) + motion.linear[k]
 
     def tensions(self, state: State, multipliers: Array) -> Array:
         """Return the tension of the segment after each point in [N], 0 between cables, shape (p - 1,).
@@ -382,7 +382,7 @@ class Cables:
         moved, count = self.outside_motion(model, state, points), len(model.rest)
         for m, (inner, point) in enumerate(zip(layout.lever_unknowns, layout.lever_points, strict=True)):
             for outer in layout.lever_unknowns[: m + 1][layout.lever_points[: m + 1] == point]:
-                weight = -float(forces[point] @ np.cross(angular[outer], moved[m]))
+                weight = -float(forces[point] @ cross(angular[outer], moved[m]))
                 places = [count + int(outer), count + int(inner)]
                 if outer == inner:
                     result.append((places[:1], [1.0], weight))
@@ -540,7 +540,7 @@ class Guides:
     def _losses(self, unit: Array) -> Array:
         """Return l of each guide, with segments in the directions `unit` (p - 1, 3)."""
         before, after = unit[self.point - 1], unit[self.point]
-        sine = np.linalg.norm(np.cross(before, after), axis=1)
+        sine = np.linalg.norm(cross(before, after), axis=1)
         angle = np.arctan2(sine, np.einsum("gi,gi->g", before, after))
         return np.asarray(self.per_angle * angle + self.per_length)
 
@@ -604,9 +604,9 @@ def _across(unit: Array) -> Array:
     """Return two unit vectors normal to each of the unit vectors (s, 3), shape (s, 2, 3)."""
     axis = np.zeros_like(unit)
     axis[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
-    first = np.cross(unit, axis)
+    first = cross(unit, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(unit, first)], axis=1)
+    return np.stack([first, cross(unit, first)], axis=1)
 
 
 def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables:

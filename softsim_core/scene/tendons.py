@@ -1,4 +1,4 @@
-"""Ready-made arms pulled by tendons: one rod, disks along it, and tendons that end at disks.
+"""Arms pulled by tendons, the key `tendon_arm` of a scene's file: a rod, disks along it, tendons to disks.
 
 segments = [TendonSegment(0.06, angles_deg=(0.0, 120.0, 240.0)), TendonSegment(0.06, (60.0, 180.0, 300.0))]
 scene.add(tendon_arm(segments, Backbone(diameter=0.001, young_modulus=60.0e9)))
@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from itertools import accumulate
+from dataclasses import asdict, dataclass, fields
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 from softsim_core.base import (
-    Array,
     Box,
     FieldError,
     Placement,
@@ -26,26 +25,16 @@ from softsim_core.base import (
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import Shape
-from softsim_core.scene import (
-    AddedMassDescription,
-    AttachmentDescription,
-    BodyDescription,
-    JointDescription,
-    KeyBinding,
-    MaterialDescription,
-    Part,
-    RigidBodyDescription,
-    RodDescription,
-    RodSectionDescription,
-)
+from softsim_core.scene.deformable import AddedMassDescription, AttachmentDescription, BodyDescription
+from softsim_core.scene.description import RigidBodyDescription
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.rod import RodDescription, RodSectionDescription
+from softsim_core.scene.scene import Part
 
 TENDON_LIMITS = JointLimits(lower=-0.020, upper=0.020, speed=0.05, acceleration=0.5)
 """Travel in [m], top speed in [m/s] and acceleration in [m/s^2] of a tendon."""
 
-BEND_KEYS = (("up", "down", "left", "right"), ("w", "s", "k", "l"), ("t", "g", "f", "h"))
-"""Keys of the first three segments: bend towards +x, -x, +y, -y."""
-
-_TOWARDS = ((1.0, 0.0, "+x"), (-1.0, 0.0, "-x"), (0.0, 1.0, "+y"), (0.0, -1.0, "-y"))
 _BACKBONE, _DISK = (0.75, 0.77, 0.80, 1.0), (0.25, 0.45, 0.85, 1.0)
 
 
@@ -57,18 +46,29 @@ class TendonSegment:
         length: In [m], > 0.
         angles_deg: Angle of each of its tendons about the arm's axis in [deg]; it has them from the base on.
         disks: Number of its disks, evenly spaced, the last one at its end, >= 1.
-        radius: Distance of its tendons from the axis in [m], > 0.
+        radius: Distance from the axis in [m], > 0, of all tendons that run through it.
+        stiffness: Factor on the stiffness of the backbone in it, > 0.
+        slack: Length in [m] by which each of its tendons is longer than its way through the arm as drawn,
+            negative where it is shorter; none: 0.
+        tendon: Properties of its tendons; None: those of the arm.
     """
 
     length: float
     angles_deg: tuple[float, ...] = (0.0, 120.0, 240.0)
     disks: int = 5
     radius: float = 0.008
+    stiffness: float = 1.0
+    slack: tuple[float, ...] = ()
+    tendon: Tendon | None = None
 
     def __post_init__(self) -> None:
         need_positive("segment", "length", self.length, "m")
         need_positive("segment", "radius", self.radius, "m")
+        need_positive("segment", "stiffness", self.stiffness, "")
         need_finite("segment", "angles_deg", self.angles_deg)
+        need_finite("segment", "slack", self.slack)
+        if len(self.slack) not in (0, len(self.angles_deg)):
+            raise FieldError("segment", "slack", list(self.slack), f"{len(self.angles_deg)} lengths, or none")
         if self.disks < 1:
             raise FieldError("segment", "disks", self.disks, ">= 1")
 
@@ -136,8 +136,9 @@ def tendon_arm(
 ) -> Part:
     """Return an arm with its base at the origin: a rod with disks, and tendons.
 
-    Tendon T of segment K, both numbered from 0, is the joint sKtT. It runs parallel to the axis from a fixed
-    point at the base through all disks up to the end of its segment, straight from disk to disk. The free
+    Tendon T of segment K, both numbered from 0, is the joint sKtT. It runs from a fixed point at the base
+    through all disks up to the end of its segment, straight from disk to disk, at one angle about the axis
+    and as far from it as each segment says; at the base as far as in the first segment. The free
     frame NAME_K at the last disk of segment K moves with the rod's nearest section; the last is the effector.
 
     Args:
@@ -160,11 +161,11 @@ def tendon_arm(
     need_not_negative(f"tendon arm {name}", "tip_load", tip_load, "kg")
     sign = -1.0 if down else 1.0
     ends = [0.0, *accumulate(segment.length for segment in segments)]
-    disks = [
-        start + segment.length * (disk + 1) / segment.disks
-        for start, segment in zip(ends, segments, strict=False)
-        for disk in range(segment.disks)
-    ]
+    disks, radii = list[float](), list[float]()
+    for start, segment in zip(ends, segments, strict=False):
+        disks += [start + segment.length * (disk + 1) / segment.disks for disk in range(segment.disks)]
+        radii += [segment.radius] * segment.disks
+    shares = [(end / ends[-1], segment.stiffness) for end, segment in zip(ends[1:], segments, strict=True)]
     spacing = ends[-1] / (2 * len(disks))  # of the rod's sections: ends and middles of cells of one length
 
     def across(disk: float) -> Box:
@@ -185,6 +186,7 @@ def tendon_arm(
             ),
             first_axis=(1.0, 0.0, 0.0),
             elements=len(disks),
+            stiffness_factors=tuple(shares) if any(factor != 1.0 for _, factor in shares) else (),
         ),
         material=MaterialDescription(
             law="rod", young_modulus=backbone.young_modulus, poisson_ratio=backbone.poisson_ratio
@@ -201,13 +203,20 @@ def tendon_arm(
         frames.append(AttachmentDescription(name=frame, body=name, to="free", box=across(end), frame=origin))
         shape = Shape(cylinder=(1.2 * max(each.radius for each in segments[k:]), 0.002))
         pictures.append(RigidBodyDescription(name=f"disk_{k}", shape=shape, on=frame, colour=_DISK))
+        through = sum(each.disks for each in segments[: k + 1])
         for t, angle in enumerate(np.radians(segment.angles_deg)):
-            x, y = segment.radius * math.cos(angle), segment.radius * math.sin(angle)
+            x, y = math.cos(angle), math.sin(angle)
+            points = [
+                (radius * x, radius * y, sign * disk)
+                for radius, disk in zip((radii[0], *radii[:through]), (0.0, *disks[:through]), strict=True)
+            ]
+            drawn = sum(math.dist(*pair) for pair in pairwise(points))
             cable = CableDescription(
                 body=name,
-                points=tuple((x, y, sign * disk) for disk in disks if disk <= end * (1.0 + 1e-9)),
-                pull_point=(x, y, 0.0),
-                **asdict(tendon),
+                points=tuple(points[1:]),
+                pull_point=points[0],
+                rest_length=drawn + segment.slack[t] if segment.slack else None,
+                **asdict(segment.tendon or tendon),
             )
             joints.append(JointDescription(name=f"s{k}t{t}", kind="cable", actuator=cable, limits=limits))
     return Part(
@@ -219,42 +228,19 @@ def tendon_arm(
     )
 
 
-def bending_commands(segments: Sequence[TendonSegment], bends: Array) -> Array:
-    """Return the displacement of each tendon in [m] that bends segments of constant curvature, shape (t,).
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TendonArmDescription:
+    """The key `tendon_arm` of a scene's file: the arguments of the function `tendon_arm`."""
 
-    A tendon of a segment also passes through all segments before it, so that a segment bends alone only if
-    the tendons of later ones follow: s = radius sum_j (bx_j cos a + by_j sin a), over its own segment and
-    those before. Stretch of tendons and of the rod is neglected.
+    segments: tuple[TendonSegment, ...]
+    backbone: Backbone
+    tendon: Tendon = _INEXTENSIBLE
+    limits: JointLimits = TENDON_LIMITS
+    disk_mass: float = 0.0
+    tip_load: float = 0.0
+    down: bool = True
+    name: str = "arm"
 
-    Args:
-        segments: As in `tendon_arm`.
-        bends: Angle in [rad] by which each segment bends towards the axes x and y, shape (k, 2).
-
-    Raises:
-        ArrayError: not one bend per segment.
-    """
-    total = np.cumsum(bends, axis=0)
-    return np.concatenate([
-        segment.radius * np.array([np.cos(angles), np.sin(angles)]).T @ along
-        for segment, angles, along in zip(
-            segments, (np.radians(segment.angles_deg) for segment in segments), total, strict=True
-        )
-    ])  # fmt: skip
-
-
-def bend_keys(segments: Sequence[TendonSegment], step: float = 0.05) -> dict[str, KeyBinding]:
-    """Return keys that bend one segment each, while the tendons of later segments follow.
-
-    Args:
-        segments: One to three, as in `tendon_arm`.
-        step: Bend by one press in [rad].
-    """
-    keys = {}
-    joints = tuple(f"s{k}t{t}" for k, each in enumerate(segments) for t in range(len(each.angles_deg)))
-    for k, names in enumerate(BEND_KEYS[: len(segments)]):
-        for name, (x, y, towards) in zip(names, _TOWARDS, strict=True):
-            bends = np.zeros((len(segments), 2))
-            bends[k] = step * x, step * y
-            by = tuple(bending_commands(segments, bends).tolist())
-            keys[name] = KeyBinding(joints=joints, by=by, help=f"segment {k} to {towards}")
-    return keys
+    def part(self) -> Part:
+        """Return the arm."""
+        return tendon_arm(**{each.name: getattr(self, each.name) for each in fields(self)})
