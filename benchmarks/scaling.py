@@ -131,7 +131,8 @@ def build_clamped_simulation(mesh: TetMesh, threads: int = 1) -> Simulation:
 
 def measure_scale(shape: str, size: str) -> Scale:
     """Measure one mesh in this process."""
-    from softsim_core.physics.linalg import alone, usable_cores
+    from softsim_core.base import usable_cores
+    from softsim_core.physics.linalg import alone
 
     threads = usable_cores()
     simulation = build_clamped_simulation(mesh_of(shape, size), threads)

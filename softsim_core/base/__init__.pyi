@@ -44,6 +44,7 @@ from .machine import (
     describe_machine as describe_machine,
     install_command as install_command,
     limit_threads as limit_threads,
+    usable_cores as usable_cores,
     version_of as version_of,
 )
 from .moved import (
@@ -65,6 +66,7 @@ from .names import (
     shorten as shorten,
 )
 from .processes import (
+    in_processes as in_processes,
     python_command as python_command,
     run_process as run_process,
     start_process as start_process,

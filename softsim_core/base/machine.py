@@ -44,9 +44,14 @@ def version_of(distribution: str) -> str | None:
         return None
 
 
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def describe_machine() -> list[str]:
     """Return lines for the head of a report: processor, load, versions."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    usable = usable_cores()
     load = f", load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
     versions = {name: version_of(name) for name in ("numpy", "scipy", "numba")}
     packages = [f"{name} {version}" for name, version in versions.items() if version is not None]

@@ -6,12 +6,19 @@ folder would run. Children that are started here do not do this, nor do the proc
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+from softsim_core.base.machine import usable_cores
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
 """If set, Python 3.11 and later exclude the program's or the current folder from the import path."""
@@ -59,6 +66,30 @@ def run_process(
     """Run a program to its end, see `subprocess.run`; Python programs come from `python_command`."""
     options.setdefault("check", False)
     return subprocess.run(command, env=_safe(os.environ if env is None else env), **options)
+
+
+_forked: Callable[[Any], Any] = print
+"""What forked processes do."""
+
+
+def in_processes(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """Yield the result of `work` for each item, in order; on Linux, forked processes share the items.
+
+    Each core has one, with all that this process had before; what it changes is lost. Ctrl-C ends them.
+    """
+    global _forked
+    count = min(usable_cores(), len(items))
+    if count < 2 or sys.platform != "linux":
+        yield from map(work, items)
+        return
+    _forked = work
+    ignore = (signal.SIGINT, signal.SIG_IGN)  # this process ends the others
+    with multiprocessing.get_context("fork").Pool(count, signal.signal, ignore) as pool:
+        yield from pool.imap(_do_forked, items)
+
+
+def _do_forked(item: Any) -> Any:
+    return _forked(item)
 
 
 def _safe(environment: Mapping[str, str]) -> dict[str, str]:

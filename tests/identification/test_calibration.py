@@ -23,6 +23,7 @@ from softsim_core.lab.identification import (
     calibrate,
     data_of,
     load_calibration,
+    model_replay,
     problem,
     replace_expressions,
 )
@@ -119,6 +120,20 @@ def test_hidden_numbers_are_found() -> None:
     assert result.before["first"] > 5e-3
     assert result.after["first"] == pytest.approx(np.sqrt(8.0 / np.pi) * 2e-4, rel=0.4)  # of normal noise
     assert result.rows == {"first": 13}
+
+
+def test_several_processes_find_the_same_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replays shared among processes give the same bytes as in one; stability checks change none."""
+    part = (found().values - found().problem.low) / found().problem.span
+    slopes = []
+    for long in (0.0, np.inf):
+        monkeypatch.setattr(problem, "LONG", long)
+        found().problem.around = None
+        slopes.append(found().problem.slopes(part))
+    assert np.array_equal(*slopes)
+    monkeypatch.setattr(model_replay.Near, "checked", property(lambda near: True, lambda near, value: None))
+    found().problem.around = None
+    assert np.allclose(found().problem.slopes(part), slopes[0], rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.exhaustive

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from softsim_core import ConfigError, SceneError, Simulation, SolverSettings, load_scene
+from softsim_core.base import usable_cores
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core.physics.linalg import (  # noqa: E402
     divided_factor,
-    usable_cores,
     usable_threads,
 )
 

@@ -363,7 +363,7 @@ def _replay_candidates(
     """Replay candidates as fitted, then with each parameter changed by its step in parts of the bounds."""
     problem, found = result.problem, (result.values - result.problem.low) / result.problem.span
     sensors = problem.misfit.sessions[chosen].description.sensors
-    near: Near = {}
+    near = Near()
     replayed: list[Prediction] = []
     for each in (np.zeros(len(steps)), *np.diag(steps)):
         model = problem.misfit.robot(chosen, problem.values(found + each))

@@ -178,11 +178,18 @@ class Prediction:
         return positions, self.rotations[np.where(part[:, 0, 0] < 0.5, right - 1, right)], reached
 
 
-Near: TypeAlias = dict[tuple[float, ...], tuple[State, Array]]
-"""Equilibria of a similar model and its joints' rest positions (j,), by joint command.
+class Near(dict[tuple[float, ...], tuple[State, Array]]):
+    """Equilibria of a similar model and its joints' rest positions (j,), by joint command.
 
-The one at the start pose has the key `START`: its command differs if the joint zeros differ.
-"""
+    The one at the start pose has the key `START`: its command differs if the joint zeros differ.
+
+    Attributes:
+        checked: Whether equilibria that are found from these are checked for stability; False where the
+            models are so similar that they must be stable.
+    """
+
+    checked = True
+
 
 START: Final = ()
 
@@ -249,7 +256,7 @@ def equilibria(
     """
     simulation = Simulation(robot.robot_alone())
     remembers = simulation.remembers_path
-    near = {} if near is None or remembers else near
+    near = Near() if near is None or remembers else near
     places, start = Places(simulation, sensors), np.array(robot.start_joints)
     walk = _Walk(simulation, start, robot.start_shift, near)
     if remembers:
@@ -285,6 +292,7 @@ class _Walk:
     """
 
     def __init__(self, simulation: Simulation, start: Array, shift: float, near: Near) -> None:
+        self._near = near
         self._simulation, self._start, self._shift = simulation, start, shift
         joints = simulation.model.joints
         self.rest = np.array([joint.rest for joint in joints])
@@ -327,7 +335,9 @@ class _Walk:
 
     def _try_settle(self, joints: Array, start: State | None = None) -> State | None:
         try:
-            return self._simulation.settle(joints, self._shift, start=start, tolerance=CLOSE).state
+            checked = self._near.checked or start is None
+            settle = self._simulation.settle
+            return settle(joints, self._shift, start=start, tolerance=CLOSE, checked=checked).state
         except NotConvergedError:
             return None
 

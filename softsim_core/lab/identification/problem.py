@@ -16,13 +16,14 @@ Sources: Huber, Ronchetti 2009, Robust statistics, 7.6 (covariance); Seber, Wild
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
-from softsim_core.base import Array, DataError, IndexArray
+from softsim_core.base import Array, DataError, IndexArray, in_processes
 from softsim_core.lab.identification.calibration import CalibrationDescription, ParameterDescription
 from softsim_core.lab.identification.error_measures import PointLoss
 from softsim_core.lab.identification.expressions import replace_expressions
@@ -33,6 +34,9 @@ from softsim_core.scene import RobotDescription
 
 FAR = 10.0
 """Factor of the largest previous error, assigned to values at which too many rows have no equilibrium."""
+
+LONG = 0.5
+"""Time of a replay in [s] beyond which several are shared among processes."""
 
 LOST = 0.1
 """Part of the rows that may have no equilibrium."""
@@ -81,9 +85,10 @@ class Misfit:
         self.means: dict[str, float] = {}
         self.best_means: dict[str, float] = {}
         self.latest: list[Prediction] = []
-        self._near: list[Near] = [{} for _ in sessions]
+        self._near: list[Near] = [Near() for _ in sessions]
         self._last: tuple[Array, Array, dict[str, float]] | None = None
         self._largest: float | None = None
+        self._seconds = 0.0
         self._last_total = np.zeros(0)
 
     @property
@@ -96,8 +101,10 @@ class Misfit:
         if self._last is not None and np.array_equal(self._last[0], values):
             self.means = self._last[2]
             return self._last[1]
-        near = [dict(each) for each in self._near]
+        near = [Near(each) for each in self._near]
+        begin = time.monotonic()
         self.latest = self.replay_sessions(values, near)
+        self._seconds = time.monotonic() - begin
         total = self.errors(self.latest, values)
         self._last = values.copy(), total, self.means
         self.count += 1
@@ -119,12 +126,33 @@ class Misfit:
             KeyboardInterrupt: the replay was interrupted.
         """
         done = []
-        predictions = [dict(each) for each in self._near] if near is None else near
+        predictions = [Near(each) for each in self._near] if near is None else near
         for k, (session, equilibria) in enumerate(zip(self.sessions, predictions, strict=True)):
             done.append(replay(self.robot(k, values), session, near=equilibria))
             if done[-1].stopped:
                 raise KeyboardInterrupt
         return done
+
+    def replay_around(self, places: Sequence[Array]) -> Iterator[list[Prediction]]:
+        """Yield the replays with each of several values (p,) close to the best, in order.
+
+        If they take long, each core replays some of them in a process of its own.
+
+        Raises:
+            KeyboardInterrupt: the replays were interrupted.
+        """
+        share = in_processes if self._seconds > LONG else map
+        for replays in share(self._replay_close, places):
+            self.count += 1
+            if self._progress is not None:
+                self._progress(self.count, self.best, self.best_values)
+            yield replays
+
+    def _replay_close(self, values: Array) -> list[Prediction]:
+        near = [Near(each) for each in self._near]
+        for each in near:
+            each.checked = False
+        return self.replay_sessions(values, near)
 
     def errors(
         self, predictions: Sequence[Prediction], values: Array, sessions: Sequence[Session] | None = None
@@ -287,9 +315,10 @@ class Problem:
             steps = np.where(part + STEP <= 1.0, STEP, -STEP)
             errors = self.misfit(self.values(part))
             here, moved, changes = self.misfit.latest, [], []
-            for each in np.diag(steps):
-                changes.append(self.misfit(self.values(part + each)) - errors)
-                moved.append(self.misfit.latest)
+            places = [self.values(part + each) for each in np.diag(steps)]
+            for values, replays in zip(places, self.misfit.replay_around(places), strict=True):
+                changes.append(self.misfit.errors(replays, values) - errors)
+                moved.append(replays)
             slopes = np.asarray(np.array(changes).T / steps)
             self.around = NearbyPredictions(part.copy(), steps, here, moved, errors, slopes)
         return self.around

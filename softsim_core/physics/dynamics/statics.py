@@ -312,10 +312,11 @@ class StaticProblem:
                 lever[self.at.first_reduced + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
         return lever
 
-    def lead(self, massless: MasslessStepper, tolerance: float) -> State | None:
+    def lead(self, massless: MasslessStepper, tolerance: float, checked: bool) -> State | None:
         """Return the equilibrium to which commands lead, by steps of the model without mass.
 
-        None: commands do not change, the steps do not get short enough, or what they find is unstable.
+        None: commands do not change, the steps do not get short enough, or what they find is unstable; the
+        latter is not noticed if it is not `checked`.
         """
         if not self._driven:
             return None
@@ -343,6 +344,8 @@ class StaticProblem:
         else:
             return None
         state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
+        if not checked:
+            return state
         if (self._find_inverted(state) & ~self._find_inverted(self.start)).any():
             return None
         _, pulls, elastic = self._residual(state, 1.0)
@@ -784,6 +787,7 @@ def solve_static(
     tolerance: float = 1e-11,
     solver: LinearSolver | None = None,
     massless: MasslessStepper | None = None,
+    checked: bool = True,
 ) -> StaticSolution:
     """Return the stable equilibrium under a constant control that is reached from `state`.
 
@@ -798,6 +802,7 @@ def solve_static(
         tolerance: Largest displacement of the last Newton step in [m].
         solver: The linear solver; None: the default.
         massless: MasslessStepper of the model without mass, see Stepper.without_mass; None: there is none.
+        checked: Whether an equilibrium that steps without mass find is checked for stability.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
@@ -805,7 +810,7 @@ def solve_static(
     chosen, acting = solver or choose_linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
-        if massless is not None and (end := problem.lead(massless, tolerance)) is not None:
+        if massless is not None and (end := problem.lead(massless, tolerance, checked)) is not None:
             return StaticSolution(end, problem.iterations, 1, problem.finish(end))
         problem.begin()
         try:

@@ -105,6 +105,5 @@ from .threads import (
     Teamwork as Teamwork,
     alone as alone,
     open_agenda as open_agenda,
-    usable_cores as usable_cores,
     usable_threads as usable_threads,
 )

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base import IndexArray
+from softsim_core.base import IndexArray, usable_cores
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.instructions import (
@@ -122,11 +122,6 @@ VARIABLE = "OMP_NUM_THREADS"
 
 MOST_THREADS = 8
 """Largest default number of threads: beyond, memory bandwidth is the limit."""
-
-
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def usable_threads() -> int:
