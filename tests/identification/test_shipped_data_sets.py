@@ -14,12 +14,16 @@ from softsim_ros.cli import main
 ROWS = {
     "emio": (659, 317, 154, 154, 154, 154),
     "emio_simulated": (720, 399, 154),
+    "ftdcr_v4": (1851,),
+    "ftdcr_v6": (1148,),
     "silicone_beam": (500, 600),
     "tentacle": (15,),
 }
 FOLDERS = {
     "emio": "emio/data",
     "emio_simulated": "emio/data",
+    "ftdcr_v4": "tendon_arms",
+    "ftdcr_v6": "tendon_arms",
     "silicone_beam": "real/data",
     "tentacle": "real/data",
 }
@@ -38,7 +42,7 @@ def test_each_tells_whose_data_it_describes(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROWS)
 def test_without_its_data_it_says_how_to_name_them(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for each in ("SOFTSIM_EMIO", "SOFTSIM_REAL"):
+    for each in ("SOFTSIM_EMIO", "SOFTSIM_REAL", "SOFTSIM_TENDON_ARMS"):
         monkeypatch.delenv(each, raising=False)
     data = load_data_set(name)
     with pytest.raises(

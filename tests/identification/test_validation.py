@@ -12,7 +12,7 @@ import pytest
 from headless_browser import chromium_path
 from measured_tripod import DESCRIPTION, POINT, SHIFT, TURN, tripod_poses, write_bench
 
-from softsim_core import DataError, NotConvergedError, Simulation, load_scene
+from softsim_core import ConfigError, DataError, NotConvergedError, Simulation, load_scene
 from softsim_core.base import Array
 from softsim_core.lab.identification import (
     Prediction,
@@ -105,6 +105,30 @@ def test_held_out_rows_judge_and_do_not_fit(tmp_path: Path) -> None:
         6,
         pytest.approx(5e-3, rel=1e-4),
     )
+
+
+def test_rows_of_further_files_are_sorted_and_held_out(tmp_path: Path) -> None:
+    """Rows of one run in two files: all in order, those of the second file judge and do not fit."""
+    out = np.arange(24) % 4 == 1
+    split = "    further: [other.csv]\n    order: row\n    split: {files: [other.csv]}\n"
+    folder = write_bench(tmp_path, edit={"row": np.arange(24)}, text=DESCRIPTION + split)
+    text = (folder / "poses.csv").read_text()
+    head, *lines = [line for line in text.splitlines() if not line.startswith("#")]
+    moved = lines[1].split(",")
+    lines[1] = ",".join([str(float(moved[0]) + 5.0), *moved[1:]])
+    for name, rows in (("poses.csv", ~out), ("other.csv", out)):
+        (folder / name).write_text("\n".join([head, *(lines[k] for k in np.flatnonzero(rows))]))
+    result = beside(folder)
+    assert np.array_equal(result.session.training, ~out)
+    assert result.of(result.session.fitting).max < 1e-7
+    assert result.of(result.evaluated).max == pytest.approx(5e-3, rel=1e-4)
+    assert result.session.table.lines[:3] == ["2 of poses.csv", "2 of other.csv", "3 of poses.csv"]
+
+
+def test_a_split_by_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    folder = write_bench(tmp_path, text=DESCRIPTION + "    split: {files: [other.csv]}\n")
+    with pytest.raises(ConfigError, match=r"split names other\.csv, which is not among its files poses\.csv"):
+        load_data_set(folder)
 
 
 def test_a_share_is_held_out_the_same_every_time(tmp_path: Path) -> None:

@@ -210,21 +210,23 @@ class AlignmentDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplitDescription:
-    """Division into training rows and held-out rows, by a column or by a share.
+    """Division into training rows and held-out rows, by a column, by files, or by a share.
 
     Attributes:
         column: Rows where it is 0 are for training, the others are held out.
+        files: Files of the session whose rows are held out.
         held_out_share: Part of the rows that is held out at random, in (0, 1).
         seed: Seed of that choice.
     """
 
     column: str | None = None
+    files: tuple[Path, ...] = ()
     held_out_share: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if (self.column is None) == (self.held_out_share is None):
-            raise SceneError("split: give exactly one of column and held_out_share")
+        if (self.column is not None) + bool(self.files) + (self.held_out_share is not None) != 1:
+            raise SceneError("split: give exactly one of column, files and held_out_share")
         if self.held_out_share is not None and not 0.0 < self.held_out_share < 1.0:
             raise FieldError("split", "held_out_share", self.held_out_share, "between 0 and 1")
 
@@ -252,6 +254,8 @@ class SessionDescription:
     Attributes:
         name: Unique name.
         file: Table in the data folder: CSV, or a recording (MCAP).
+        further: Further tables with rows of the same run and the same columns.
+        order: Column of numbers by which the rows of all tables are sorted; None: they stay as they are.
         commands: The commands; None: they are unknown, or the robot has no joints.
         sensors: The measured points.
         others: Predictions of other models.
@@ -267,6 +271,8 @@ class SessionDescription:
     name: str
     file: Path
     sensors: tuple[SensorDescription, ...]
+    further: tuple[Path, ...] = ()
+    order: str | None = None
     commands: CommandColumns | None = None
     others: tuple[OtherModel, ...] = ()
     time: TimeColumn | None = None
@@ -291,6 +297,11 @@ class SessionDescription:
                 raise SceneError(
                     f"{owner}: unknown sensor {other.sensor!r}; {known_names(other.sensor, names)}"
                 )
+        for file in self.split.files if self.split is not None else ():
+            if file not in self.files:
+                raise SceneError(
+                    f"{owner}: split names {file}, which is not among its files {listing(self.files)}"
+                )
         if self.time is None and any(sensor.displacement for sensor in self.sensors):
             raise SceneError(f"{owner}: displacement needs a time column: the rows up to time 0 are its zero")
         taken: dict[str, str] = {}
@@ -302,6 +313,11 @@ class SessionDescription:
                     f"{owner}: column {column} is {taken[column]} and {what}; it can be one thing"
                 )
             taken[column] = what
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All tables."""
+        return (self.file, *self.further)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
@@ -363,15 +379,16 @@ class DataSet:
     file: Path
     folder: Path
 
-    def table_of(self, session: SessionDescription) -> Path:
-        """Return the file of a session.
+    def tables_of(self, session: SessionDescription) -> list[Path]:
+        """Return the files of a session.
 
         Raises:
-            DataError: the file does not exist.
+            DataError: a file does not exist.
         """
-        file = self.folder / session.file
-        if file.exists():
-            return file
+        files = [self.folder / each for each in session.files]
+        file = next((each for each in files if not each.exists()), None)
+        if file is None:
+            return files
         description, variable = self.description, self.description.data.variable
         how = f", or set {variable} to it" if variable else ""
         where = (

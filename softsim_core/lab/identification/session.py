@@ -20,9 +20,8 @@ from softsim_core.lab.identification.description import (
     DataSet,
     FrameDescription,
     SessionDescription,
-    SplitDescription,
 )
-from softsim_core.lab.identification.tables import Table, read_table
+from softsim_core.lab.identification.tables import Table, join_tables, read_table
 from softsim_core.scene import JointDescription, RobotDescription
 
 FAR = 1.5
@@ -137,7 +136,10 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
     Raises:
         DataError: names the problem with file, column and line.
     """
-    table = read_table(data.table_of(description), _columns(description))
+    columns = _columns(description)
+    table = join_tables([read_table(file, columns) for file in data.tables_of(description)])
+    if description.order is not None:
+        table = table.part(np.argsort(table.numbers(description.order), kind="stable"))
     if every > 1 and description.time is None:
         table = table.part(np.arange(0, len(table), every))
 
@@ -171,7 +173,7 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
         used &= (times >= description.time.first) & (times <= (np.inf if last is None else last))
     if not used.any():
         raise DataError(table.file, "", "no row is left that is not suspect and lies in the time that counts")
-    training = _training(table, description.split)
+    training = _training(table, description)
     session = Session(description, table, measured, others, used, training, times)
     if not session.fitting.any():
         raise DataError(table.file, "", "no row is left for training; change the split")
@@ -192,6 +194,7 @@ def _columns(description: SessionDescription) -> list[str]:
     columns += description.commands.columns if description.commands else ()
     columns += [description.time.column] if description.time else []
     columns += [description.suspect] if description.suspect else []
+    columns += [description.order] if description.order else []
     columns += [description.split.column] if description.split and description.split.column else []
     return list(dict.fromkeys(columns))
 
@@ -226,11 +229,15 @@ def _times(table: Table, description: SessionDescription) -> Array:
     return times
 
 
-def _training(table: Table, split: SplitDescription | None) -> BoolArray:
+def _training(table: Table, description: SessionDescription) -> BoolArray:
+    split = description.split
     if split is None:
         return np.ones(len(table), bool)
     if split.column is not None:
         return np.asarray(table.numbers(split.column) == 0.0)
+    if split.files:
+        held_out = [file in split.files for file in description.files]
+        return np.array([not held_out[k] for k in table.origins or [0] * len(table)])
     assert split.held_out_share is not None
     chosen = np.random.default_rng(split.seed).permutation(len(table))
     training = np.ones(len(table), bool)

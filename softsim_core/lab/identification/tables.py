@@ -24,12 +24,15 @@ class Table:
     Attributes:
         file: File from which they were read.
         columns: Cells of the columns by name.
-        lines: Names of the rows in messages: their lines in the file, counted from 1.
+        lines: Names of the rows in messages: their lines in the file, counted from 1; also its name in a
+            table of several files.
+        origins: Index of the file of each row in a table of several files; empty: there is one.
     """
 
     file: Path
     columns: Mapping[str, Sequence[str] | Array]
-    lines: Sequence[int]
+    lines: Sequence[int | str]
+    origins: Sequence[int] = ()
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -38,7 +41,8 @@ class Table:
         """Return only the rows of the indices."""
         chosen = rows.tolist()
         columns = {name: [cells[k] for k in chosen] for name, cells in self.columns.items()}
-        return Table(self.file, columns, [self.lines[k] for k in chosen])
+        origins = [self.origins[k] for k in chosen] if self.origins else ()
+        return Table(self.file, columns, [self.lines[k] for k in chosen], origins)
 
     def numbers(self, name: str, unit: str | None = None) -> Array:
         """Return a column in SI units, all numbers finite, shape (rows,).
@@ -112,6 +116,20 @@ def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
             raise DataError(file, f"line {number}", f"has {len(row)} cells for {len(names)} columns")
     cells = list(zip(*(row for _, row in rows[1:]), strict=True))
     return Table(file, dict(zip(names, cells, strict=True)), [number for number, _ in rows[1:]])
+
+
+def join_tables(tables: Sequence[Table]) -> Table:
+    """Return the rows of all tables, with the columns that all of them have; `file` is that of the first."""
+    first = tables[0]
+    if len(tables) == 1:
+        return first
+    shared = [name for name in first.columns if all(name in each.columns for each in tables)]
+    return Table(
+        first.file,
+        {name: [cell for each in tables for cell in each.columns[name]] for name in shared},
+        [f"{line} of {each.file.name}" for each in tables for line in each.lines],
+        [k for k, each in enumerate(tables) for _ in each.lines],
+    )
 
 
 def _number(cell: object) -> float:

@@ -436,7 +436,7 @@ def _each_row(result: SessionResult) -> list[dict[str, Any]]:
         solved = bool(result.predicted[k])
         rows.append(
             {
-                "line": int(line),
+                "line": line,
                 "time_s": None if session.times is None else float(session.times[k]),
                 "used_for": "training" if session.fitting[k] else "held out" if session.used[k] else None,
                 "commands": {name: values[k] for name, values in commands.items()},
