@@ -3,7 +3,7 @@
     python examples/drive_a_robot.py [ROBOT]
 
 Nothing here knows topics or services: a client does, the same that the terminal and the page use. Its
-commands keep the robot's limits; what is refused raises an error with a sentence.
+commands keep the robot's limits; what is refused raises an error with a message.
 """
 
 from __future__ import annotations

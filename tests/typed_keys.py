@@ -57,5 +57,5 @@ def press(
             return replace(typed, message="goal not moved: no effector pose received yet"), ()
         return replace(typed.knowing(goal=goal), message=f"goal {format_point(goal)} mm"), (goal,)
     decision = decide(typed.state, robot, deed, now)
-    typed = replace(typed, state=decision.state, message=decision.sentence)
+    typed = replace(typed, state=decision.state, message=decision.message)
     return typed, () if decision.values is None else (decision.values,)

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from servo_bridge.driver import angle_to_pulse, pulse_to_angle
-from servo_bridge.protocols import dynamixel_packets as packets, dynamixel_packets as table
+from servo_bridge.protocols import dynamixel_packets as table
 from servo_bridge.protocols.dynamixel_bus import DynamixelBus
 from servo_bridge.protocols.dynamixel_packets import (
     ALERT,
@@ -73,8 +73,8 @@ class DynamixelProtocol(BoardProtocol):
     def refusal(cls, board: BoardDescription) -> str:
         """Refuse a line that is too slow for this number of servos at this rate."""
         places = {servo.id: table.PRESENT for servo in board.bus_servos}
-        data = packets.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
-        needed_s = _line_s(board, len(data) + len(packets.bulk_read(places))) + _answers_s(board)
+        data = table.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
+        needed_s = _line_s(board, len(data) + len(table.bulk_read(places))) + _answers_s(board)
         free_s = LARGEST_LOAD / board.rate
         if needed_s <= free_s:
             return ""
@@ -111,10 +111,10 @@ class DynamixelProtocol(BoardProtocol):
         chosen = among[self._next % len(among)]
         if unknown:
             self._asked[chosen] += 1
-            return packets.ping(chosen)
+            return table.ping(chosen)
         self._asked.update(ids)
         more = table.STATE if chosen in self._settings else table.SETTINGS
-        return packets.bulk_read({each: more if each == chosen else table.PRESENT for each in ids})
+        return table.bulk_read({each: more if each == chosen else table.PRESENT for each in ids})
 
     def limits(self) -> bytes:
         """Return the packet that prepares every servo: first its goal, then torque, as its responses allow.
@@ -129,8 +129,8 @@ class DynamixelProtocol(BoardProtocol):
         with_torque = {each for each in before if self._states[each].torque}
         goals = {each: before[each] if each in with_torque else self._stand(each) for each in self._servos}
         # A servo with a tripped watchdog refuses goals, so the watchdog is cleared first.
-        data = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
-        data += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
+        data = table.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
+        data += table.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
         data += self._encode_goals(goals)
         ready = [
             each
@@ -139,8 +139,8 @@ class DynamixelProtocol(BoardProtocol):
             or (self._asked[each] <= STALE and abs(state.goal - state.position) <= DEAD_BAND)
         ]
         if ready:
-            data += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
-            data += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
+            data += table.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
+            data += table.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
         self._goals = goals
         return data + self.ask()
 
@@ -158,11 +158,11 @@ class DynamixelProtocol(BoardProtocol):
 
     def relax(self) -> bytes:
         """Return the packet that switches torque and watchdog off."""
-        off = packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(self._servos, b"\x00"))
-        return off + packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(self._servos, b"\x00"))
+        off = table.sync_write(table.TORQUE_ENABLE, dict.fromkeys(self._servos, b"\x00"))
+        return off + table.sync_write(table.BUS_WATCHDOG, dict.fromkeys(self._servos, b"\x00"))
 
     def _encode_goals(self, goals: Mapping[int, int]) -> bytes:
-        return packets.sync_write(
+        return table.sync_write(
             table.GOAL_POSITION, {servo_id: table.four(goal) for servo_id, goal in goals.items()}
         )
 
@@ -189,19 +189,16 @@ class DynamixelProtocol(BoardProtocol):
         elif len(parameters) == table.SETTINGS[1]:
             self._settings[servo_id] = table.read_settings(parameters)
         elif len(parameters) == table.STATE[1]:
-            self._take_state(servo_id, table.read_state(parameters))
+            self._states[servo_id] = state = table.read_state(parameters)
+            self._fresh.add(servo_id)
+            self._positions[servo_id], self._currents[servo_id] = state.position, state.current
+            wrong = self._taken_over and not self._is_armed(servo_id)
+            self._contradictions[servo_id] = self._contradictions[servo_id] + 1 if wrong else 0
         else:
             return
         self._answers += 1
         self._asked[servo_id] = 0
         self._responding_ids.add(servo_id)
-
-    def _take_state(self, servo_id: int, state: ServoState) -> None:
-        self._states[servo_id] = state
-        self._fresh.add(servo_id)
-        self._positions[servo_id], self._currents[servo_id] = state.position, state.current
-        wrong = self._taken_over and not self._is_armed(servo_id)
-        self._contradictions[servo_id] = self._contradictions[servo_id] + 1 if wrong else 0
 
     @property
     def ready(self) -> bool:

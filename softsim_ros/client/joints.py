@@ -80,7 +80,7 @@ class Decision(NamedTuple):
     """Result of a request: the state after it, a message, and the command (None: nothing moves)."""
 
     state: RobotState
-    sentence: str
+    message: str
     values: tuple[float, ...] | None
 
 
@@ -234,10 +234,10 @@ class Joints:
         if decision.values is not None and not self.are_commanded:
             decision = Decision(self._snapshot.state, NOT_RECEIVED, None)
         self._snapshot.put(decision.state)
-        self._snapshot.say(decision.sentence)
+        self._snapshot.say(decision.message)
         if decision.values is not None:
             self._publish(decision.values)
-        done(Outcome(decision.values is not None, decision.sentence))
+        done(Outcome(decision.values is not None, decision.message))
 
     def obey(self, request: JointRequest, done: Done = ignore_outcome) -> None:
         """Call `apply_request`; former name, until release 0.3.0."""

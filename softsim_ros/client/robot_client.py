@@ -154,8 +154,8 @@ class RobotSession:
         if not ends:
             raise ClientError(f"{action.__qualname__} has not ended within {DONE_WITHIN_S:g} s")
         if not ends[0].success:
-            raise ClientError(ends[0].sentence)
-        return ends[0].sentence
+            raise ClientError(ends[0].message)
+        return ends[0].message
 
     def wait_until(
         self, condition: Callable[[RobotState], object], within_s: float = 10.0, what: str = "the condition"

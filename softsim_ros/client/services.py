@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -101,7 +102,14 @@ class Outcome(NamedTuple):
     """Outcome of an action: whether it was done, and a message about it."""
 
     success: bool
-    sentence: str
+    message: str
+
+    @property
+    def sentence(self) -> str:
+        """The message; former name, until release 0.3.0."""
+        former = "Outcome.sentence is now Outcome.message; release 0.3.0 removes the former name"
+        warnings.warn(former, DeprecationWarning, stacklevel=2)
+        return self.message
 
 
 Done = Callable[[Outcome], None]
@@ -114,8 +122,8 @@ def ignore_outcome(_: Outcome) -> None:
 
 def report(end: Outcome, say: Callable[[str], None], done: Done) -> None:
     """Report the message of an outcome to the user, if it has one, and pass the outcome on."""
-    if end.sentence:
-        say(end.sentence)
+    if end.message:
+        say(end.message)
     done(end)
 
 

@@ -95,8 +95,8 @@ class Parameters:
         self._set.call(SetParametersAtomically.Request(parameters=parameters), now, on_answer)
 
     def _end(self, end: Outcome, waiting: Sequence[Done]) -> None:
-        if end.sentence:
-            self._snapshot.say(end.sentence)
+        if end.message:
+            self._snapshot.say(end.message)
         for done in waiting:
             done(end)
 
@@ -180,8 +180,8 @@ class Editing:
             return
         if self.proposal is None or proposal.revision > self.proposal.revision:
             self.proposal = proposal
-            if proposal.sentence:
-                self._say(proposal.sentence)
+            if proposal.message:
+                self._say(proposal.message)
 
 
 RELOAD_WITHIN_S: Final = 60.0

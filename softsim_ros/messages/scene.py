@@ -181,13 +181,13 @@ class Proposal:
 
     Attributes:
         revision: A number that grows with every message.
-        robot: The scene as it is proposed; None: it cannot be edited; `sentence` has the reason.
+        robot: The scene as it is proposed; None: it cannot be edited; `message` has the reason.
         file: The file to which it would be saved.
         unsaved: Why it cannot be saved there; "": it can.
         undoable, redoable: How many changes can be undone and redone.
         is_changed: Whether it differs from the file.
         is_applied: Whether it is the running scene.
-        sentence: Result of the last request.
+        message: Result of the last request.
         chosen: Nodes that its parts select.
         routes: Points of its cables in the world in [m], shapes (k, 3), by their joints.
     """
@@ -200,7 +200,7 @@ class Proposal:
     redoable: int = 0
     is_changed: bool = False
     is_applied: bool = True
-    sentence: str = ""
+    message: str = ""
     chosen: tuple[ChosenPoints, ...] = ()
     routes: Mapping[str, Array] = field(default_factory=dict)
 
@@ -267,7 +267,7 @@ def write_proposal(proposal: Proposal, description: str) -> str:
             "redoable": proposal.redoable,
             "changed": proposal.is_changed,
             "applied": proposal.is_applied,
-            "sentence": proposal.sentence,
+            "sentence": proposal.message,
             "chosen": [
                 {
                     "part": each.part,
@@ -301,7 +301,7 @@ def read_proposal(text: str) -> Proposal:
             redoable=whole(data["redoable"]),
             is_changed=data["changed"] is True,
             is_applied=data["applied"] is True,
-            sentence=text_of(data["sentence"]),
+            message=text_of(data["sentence"]),
             chosen=tuple(map(_parse_chosen_points, require_list(data["chosen"]))),
             routes={name_of(name): _points(rows) for name, rows in dict(data["routes"]).items()},
         )

@@ -181,15 +181,15 @@ def test_a_robot_is_built_applied_saved_and_undone(edited: Edited) -> None:
 )
 def test_edits_that_must_not_be_are_refused(edited: Edited, edit: Edit, sentence: str) -> None:
     told = edited.edit(edit)
-    assert sentence in told.sentence
-    assert "\n" not in told.sentence
+    assert sentence in told.message
+    assert "\n" not in told.message
     assert (told.is_changed, told.undoable) == (False, 0)
     assert edited.runs() == []
 
 
 def test_what_is_no_edit_is_refused_and_the_node_lives(edited: Edited) -> None:
     for text in ("", "{", "[" * 50_000, "x" * 200_000, '{"edits": [{"at": ["dt"]}]}'):
-        assert "edit refused" in edited.send(text).sentence
+        assert "edit refused" in edited.send(text).message
     assert edited.runs() == []
 
 
@@ -213,7 +213,7 @@ def test_a_mesh_that_cannot_be_used_is_told_and_the_node_lives(edited: Edited) -
 
 @pytest.mark.parametrize("step", ["x" * 40_000, "bodies\n\x1b[2J"])
 def test_what_is_told_of_an_edit_is_one_short_line(edited: Edited, step: str) -> None:
-    sentence = edited.edit(Put((step, step), 1.0)).sentence
+    sentence = edited.edit(Put((step, step), 1.0)).message
     assert "nothing that edits change" in sentence
     assert len(sentence) <= 300
     assert sentence.isprintable()

@@ -161,7 +161,7 @@ def test_a_proposal_comes_through_as_it_is() -> None:
         1,
         2,
     )
-    assert (told.is_changed, told.is_applied, told.sentence) == (True, False, "done")
+    assert (told.is_changed, told.is_applied, told.message) == (True, False, "done")
     assert told.robot is not None
     assert told.robot.scene.attachments == load_scene("cable_finger").scene.attachments
     assert told.problems == ("attachments/base: too small",)

@@ -336,7 +336,7 @@ def test_wishes_of_a_script_become_commands_within_limits(wish: Any, expected: t
 def test_wishes_that_mean_nothing_move_nothing(wish: Any, word: str) -> None:
     decision = decide(HERE, TRIPOD, wish, 0.0)
     assert (decision.values, decision.state) == (None, HERE)
-    assert word in decision.sentence
+    assert word in decision.message
 
 
 def test_a_pressure_is_held_where_it_is_and_not_where_the_hollow_is() -> None:

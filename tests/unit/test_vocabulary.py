@@ -53,11 +53,9 @@ ALLOWED = {
     "softsim_core.physics.actuation.chamber.chamber.keeps": OWN_ACTUATOR,
     "softsim_ros.cli.measurements.validate_report.held_out": HELD_OUT,
     "softsim_ros.client.joints.obey": FORMER,
-    "softsim_ros.client.joints.sentence": RESULT,
-    "softsim_ros.client.services.sentence": RESULT,
+    "softsim_ros.client.services.sentence": FORMER,
     "softsim_ros.client.state.heard_goal": RESULT,
     "softsim_ros.excitation.measure.HELD_OUT": HELD_OUT,
-    "softsim_ros.messages.scene.sentence": "key of messages on scene/proposal",
 }
 """Names with a retired word that stay, with their module, and why."""
 

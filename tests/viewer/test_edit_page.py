@@ -84,7 +84,7 @@ class Editor:
     def history(self) -> list[tuple[int, str]]:
         """What was told: changes that can be undone, and the sentence."""
         told = [read(each.data) for each in self.told]
-        return [(each.undoable, each.sentence) for each in told]
+        return [(each.undoable, each.message) for each in told]
 
     def begin(self) -> None:
         self.page.wait_for_node("/bodies/part")

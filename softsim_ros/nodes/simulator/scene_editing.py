@@ -252,7 +252,7 @@ class SceneEditing:
     def _publish_proposal(self, message: str) -> None:
         self._revision += 1
         message, document = one_line(message), self._document
-        proposal, description = Proposal(self._revision, sentence=message), ""
+        proposal, description = Proposal(self._revision, message=message), ""
         if document is not None:
             description = write_description(document.robot)
             proposal = Proposal(
@@ -264,7 +264,7 @@ class SceneEditing:
                 redoable=document.redoable,
                 is_changed=document.is_changed,
                 is_applied=self._is_applied(document),
-                sentence=message,
+                message=message,
                 chosen=self._find_chosen(document.robot),
                 routes=_routes(document.robot),
             )

@@ -458,7 +458,7 @@ def status(proposal: Proposal | None) -> str:
     if proposal is None:
         return "waiting for the simulator ..."
     if proposal.robot is None:
-        return html.escape(proposal.sentence)
+        return html.escape(proposal.message)
     saved = "not saved" if proposal.is_changed else "saved"
     applied = "runs" if proposal.is_applied else "not applied"
     file, name = html.escape(proposal.file), html.escape(PurePath(proposal.file).name)

@@ -102,9 +102,8 @@ class Picture:
         subscribe(UInt32MultiArray, TETRAHEDRA, self._on_tetrahedra, LATCHED)
         subscribe(PointCloud2, POINTS, partial(self._store, POINTS), NEWEST_ONLY)
         subscribe(PoseArray, FRAMES, partial(self._store, FRAMES), NEWEST_ONLY)
-        subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), NEWEST_ONLY)
-        subscribe(MarkerArray, "chambers", lambda message: self.stage.chambers.update(message), NEWEST_ONLY)
-        subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), NEWEST_ONLY)
+        for layer in ("cables", "chambers", "contacts"):
+            subscribe(MarkerArray, layer, partial(self._update, layer), NEWEST_ONLY)
         subscribe(MarkerArray, "bodies/topology", self._on_rigid, LATCHED)
         subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), NEWEST_ONLY)
 
@@ -215,6 +214,10 @@ class Picture:
         """Store a message until the next frame draws it."""
         self._newest[topic] = message
 
+    def _update(self, layer: str, message: MarkerArray) -> None:
+        """Draw markers of the layer that has the name of their topic."""
+        getattr(self.stage, layer).update(message)
+
     def draw(self, now: float) -> None:
         """Draw messages that have arrived since the last frame; `now` is a steady clock in [s]."""
         stage = self.stage
@@ -241,9 +244,7 @@ class Picture:
         self.stage.apply_view(NOTHING if self._error or self._is_hidden else view)
         self._want(PointCloud2, NODES, partial(self._store, NODES), self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
-        self._want(
-            MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
-        )
+        self._want(MarkerArray, "collisions", partial(self._update, "collisions"), collisions)
 
     def hide_scene(self, hidden: bool) -> None:
         """Hide the running scene (`hidden` True), for example while a proposal is shown, or show it again."""
