@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from servo_bridge import PortError
 from servo_bridge.driver.driver import ServoDriver
@@ -27,7 +27,14 @@ from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
 from servo_bridge.driver.writer import PeriodicThread
 from softsim_core.base import ConfigError, SceneError, SoftSimError, known_names, write_file
 from softsim_core.scene import BusServo, RobotDescription, Servo, ServoCalibration
-from softsim_core.scene.io import comment, read_yaml, scalar
+from softsim_core.scene.io import (
+    SourcedMapping,
+    comment,
+    merge,
+    read_yaml,
+    scalar,
+    structure_description,
+)
 
 AnyServo = TypeVar("AnyServo", ServoCalibration, BusServo)
 
@@ -112,26 +119,12 @@ def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
         raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
 
 
-def _apply_entry(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
-    fields = asdict(servo)
-    for key, value in entry.items():
-        if key not in fields:
-            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; {known_names(key, fields)}")
-        if key == "joint":
-            continue
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        any_number = isinstance(fields[key], float)
-        if not number or not (any_number or isinstance(value, int)):
-            kind = "a number" if any_number else "a whole number"
-            raise ConfigError(file, f"{where}.{key}", f"must be {kind}, not {value!r}")
-        if key == "sign" and value not in (1, -1):
-            raise ConfigError(file, f"{where}.sign", f"must be 1 or -1, not {value}")
-        if key == "trim_deg" and not -180.0 <= value <= 180.0:
-            raise ConfigError(file, f"{where}.trim_deg", f"must be within -180..180, not {value}")
-    try:
-        return replace(servo, **entry)
-    except SceneError as error:
-        raise ConfigError(file, where, str(error)) from error
+def _apply_entry(servo: AnyServo, entry: SourcedMapping, file: Path, where: str) -> AnyServo:
+    own = merge(SourcedMapping(asdict(servo), file), entry)
+    calibrated = structure_description(own, type(servo), file, at=where)
+    if isinstance(calibrated, ServoCalibration) and not -180.0 <= calibrated.trim_deg <= 180.0:
+        raise ConfigError(file, f"{where}.trim_deg", f"must be within -180..180, not {calibrated.trim_deg:g}")
+    return calibrated
 
 
 Ask = Callable[[str], str]  # shows a question and returns the line that the user typed

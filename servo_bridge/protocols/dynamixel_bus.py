@@ -310,7 +310,13 @@ class DynamixelBus(BoardModel):
         """Execute a packet; return whether all servos have accepted goals from it."""
         body = packet.parameters
         if packet.instruction == Instruction.SYNC_WRITE and len(body) >= 4:
-            return self._sync_write(body)
+            address, size = struct.unpack_from("<HH", body)
+            accepted = set()
+            for at in range(4, len(body) - size, size + 1):
+                servo, data = self.servos.get(body[at]), body[at + 1 : at + 1 + size]
+                if servo is not None and servo.answers and servo.write(address, data) is None:
+                    accepted.add(body[at])
+            return address == table.GOAL_POSITION and accepted == set(self.servos)
         if packet.instruction in (Instruction.SYNC_READ, Instruction.BULK_READ):
             for servo_id, address, size in _places(packet.instruction, body):
                 servo = self.servos.get(servo_id)
@@ -324,15 +330,6 @@ class DynamixelBus(BoardModel):
         elif packet.servo_id in self.servos and self.servos[packet.servo_id].answers:
             self._ask(packet.servo_id, packet)
         return False
-
-    def _sync_write(self, body: bytes) -> bool:
-        address, size = struct.unpack_from("<HH", body)
-        taken = set()
-        for at in range(4, len(body) - size, size + 1):
-            servo, data = self.servos.get(body[at]), body[at + 1 : at + 1 + size]
-            if servo is not None and servo.answers and servo.write(address, data) is None:
-                taken.add(body[at])
-        return address == table.GOAL_POSITION and taken == set(self.servos)
 
     def _ask(self, servo_id: int, packet: Packet) -> None:
         servo, body = self.servos[servo_id], packet.parameters

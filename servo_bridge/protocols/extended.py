@@ -169,10 +169,19 @@ class ExtendedProtocol(BoardProtocol):
                 self.banners += 1
                 recognised = restarted = True
             elif frame.kind is FrameType.TELEMETRY:
-                self._take_telemetry(frames.read_telemetry(frame))
+                self.telemetry = telemetry = frames.read_telemetry(frame)
+                self.telemetry_frames += 1
+                self._following.compare(telemetry)
+                if self.seq is not None:
+                    self.unacknowledged = (self.seq - telemetry.seq) % SEQUENCES
+                    self.most_unacknowledged = max(self.most_unacknowledged, self.unacknowledged)
                 recognised = True
             elif frame.kind is FrameType.IDENTITY:
-                self._take_number(frames.read_number(frame))
+                number = frames.read_number(frame)
+                if number != frames.NO_IDENTITY:
+                    self._number, self._answered, self._questions = number, True, 0
+                elif self._offered == frames.NO_IDENTITY:  # the next query offers the board a number
+                    self._offered = secrets.randbelow(frames.NO_IDENTITY)
         return Decoded(recognised, restarted, tuple(self._lines.feed(text_of(data))))
 
     @property
@@ -283,28 +292,12 @@ class ExtendedProtocol(BoardProtocol):
             }
         return {**values, **self._lines.values()}
 
-    def _take_number(self, number: int) -> None:
-        """Store the board's number; a board without one is offered one with the next query."""
-        if number == frames.NO_IDENTITY:
-            if self._offered == frames.NO_IDENTITY:
-                self._offered = secrets.randbelow(frames.NO_IDENTITY)
-        else:
-            self._number, self._answered, self._questions = number, True, 0
-
     @property
     def _may_answer(self) -> bool:
         """Whether the firmware knows IDENTIFY, according to its banner and its answers."""
         banner = self.banner
         old = banner is not None and (banner.major, banner.minor) < frames.IDENTIFYING_FIRMWARE
         return not old and self._questions < MOST_QUESTIONS
-
-    def _take_telemetry(self, telemetry: Telemetry) -> None:
-        self.telemetry = telemetry
-        self.telemetry_frames += 1
-        self._following.compare(telemetry)
-        if self.seq is not None:
-            self.unacknowledged = (self.seq - telemetry.seq) % SEQUENCES
-            self.most_unacknowledged = max(self.most_unacknowledged, self.unacknowledged)
 
     def _next_seq(self) -> int:
         self._following.record_frame()

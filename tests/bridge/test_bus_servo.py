@@ -154,7 +154,7 @@ def test_a_calibration_of_a_bus_is_written_and_read(tmp_path: Path) -> None:
     assert board is not None
     assert board.servos == changed
     file.write_text("robot: two\nservos: [{joint: a, trim_deg: 1.0}]")
-    with pytest.raises(ConfigError, match="is no key of a servo; known: joint, id, zero_pulse"):
+    with pytest.raises(ConfigError, match="trim_deg: unknown key; known keys: joint, id, zero_pulse"):
         calibrated_robot(robot, file)
     file.write_text("robot: two\nservos: [{joint: a, zero_pulse: 1.5}]")
     with pytest.raises(ConfigError, match="must be a whole number"):

@@ -63,6 +63,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.description",
     "softsim_core.scene.io.files",
     "softsim_core.scene.io.loaders",
+    "softsim_core.scene.io.structure",
     "softsim_core.scene.io.yaml_source",
     "softsim_core.scene.robot",
 )
