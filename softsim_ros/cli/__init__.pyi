@@ -3,6 +3,7 @@ import collections.abc
 from .app import (
     BROUGHT_BY as BROUGHT_BY,
     COMMANDS as COMMANDS,
+    ROS_PACKAGES as ROS_PACKAGES,
     run_command as run_command,
 )
 from .command import (
@@ -15,6 +16,7 @@ from .command import (
     add_number as add_number,
     add_out as add_out,
     require_matplotlib as require_matplotlib,
+    table_lines as table_lines,
 )
 
 def main(words: collections.abc.Sequence[str] | None = None) -> int: ...

@@ -14,14 +14,14 @@ from softsim_node import check_ros_variables, ending, limit_blas_threads, prepar
 from softsim_ros.cli.command import EXIT_INTERRUPTED, Colours, Command, CommandError, Parser
 from softsim_ros.cli.completion import ASKED, complete
 
-_ROS: Final = (
+ROS_PACKAGES: Final = (
     "rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "lifecycle_msgs",
     "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "shape_msgs", "std_msgs",
     "std_srvs", "trajectory_msgs", "visualization_msgs",
 )  # fmt: skip
 
 BROUGHT_BY: Final[Mapping[str, str]] = {
-    **dict.fromkeys(_ROS, "ros"),
+    **dict.fromkeys(ROS_PACKAGES, "ros"),
     **dict.fromkeys(("viser", "websockets", "imageio", "PIL", "cmap", "msgspec"), "viewer"),
     **dict.fromkeys(("rosbags", "lz4"), "recording"),
     "matplotlib": "report",

@@ -72,6 +72,16 @@ class Colours:
         return f"\x1b[{_CODES[colour]}m{text}\x1b[0m" if self._on else text
 
 
+def table_lines(rows: Sequence[Sequence[str]], side: str = "<") -> list[str]:
+    """Return rows as lines with columns of equal width; `side` aligns all but the first, as in a format."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = ("<", *side * (len(widths) - 1))
+    return [
+        "  ".join(f"{cell:{to}{width}}" for cell, to, width in zip(row, sides, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
 class ProgressLine:
     """A line on a terminal that is rewritten in place, at most five times per second.
 

@@ -231,11 +231,9 @@ def draw(chart: Chart, duration_s: float) -> str:
         chart: Chart with at least one curve.
         duration_s: End of the time axis in [s], the same for all charts of a report.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=SIZE_INCHES)
-    FigureCanvasSVG(figure)
     axes = figure.add_axes(FRAME)
     for curve in chart.curves:
         times, values = decimate_curve(curve)

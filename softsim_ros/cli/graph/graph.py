@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from array import array
 from collections.abc import Callable, Iterator, Sequence
 from statistics import fmean
 from typing import Any
@@ -34,7 +33,7 @@ def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
         value = getattr(message, name)
         if hasattr(value, "get_fields_and_field_types"):
             lines += [f"{indent}{name}:", message_text(value, limit, f"{indent}  ")]
-        elif _is_list(value) and len(value) and hasattr(value[0], "get_fields_and_field_types"):
+        elif isinstance(value, Sequence) and value and hasattr(value[0], "get_fields_and_field_types"):
             shown = value if limit is None else value[:limit]
             texts = (message_text(item, limit, f"{indent}    ") for item in shown)
             lines += [f"{indent}{name}:", *(f"{indent}  - {text.lstrip()}" for text in texts)]
@@ -43,10 +42,6 @@ def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
         else:
             lines.append(f"{indent}{name}: {_value_text(value, limit)}")
     return "\n".join(lines)
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, (Sequence, array)) and not isinstance(value, (str, bytes))
 
 
 def _value_text(value: Any, limit: int | None) -> str:

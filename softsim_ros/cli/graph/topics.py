@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from softsim_ros.cli import add_number
+from softsim_ros.cli import add_number, table_lines
 
 OF_ROS = ("/parameter_events", "/rosout")
 
@@ -40,8 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
     if not rows:
         print(f"no topics: no node runs in {graph.where()}; start one with: softsim up tripod")
         return 0
-    lines = [("topic", "type", "publishers", "subscribers"), *rows]
-    widths = [max(len(str(cell)) for cell in column) for column in zip(*lines, strict=True)]
-    for row in lines:
-        print("  ".join(f"{cell!s:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    lines = [("topic", "type", "publishers", "subscribers"), *(tuple(map(str, row)) for row in rows)]
+    print("\n".join(table_lines(lines)))
     return 0

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import SoftSimError
 from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
 from softsim_node import takes_escapes
-from softsim_ros.cli import EXIT_INTERRUPTED, CommandError, UsageError, add_number, add_out
+from softsim_ros.cli import EXIT_INTERRUPTED, CommandError, ProgressLine, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
@@ -231,21 +231,16 @@ class _Progress:
 
     def __init__(self, total_s: float) -> None:
         self._shown, self._total_s = takes_escapes(sys.stdout), total_s
-        self._begin, self._next, self._what = time.monotonic(), 0.0, ""
+        self._line, self._begin, self._what = ProgressLine(sys.stdout), time.monotonic(), ""
 
     def __call__(self, what: str, done_s: float) -> None:
-        now = time.monotonic()
-        if not self._shown:
-            if what.split(":")[0] != self._what:
-                self._what = what.split(":")[0]
-                _say(f"{self._what} ...")
-            return
-        if now >= self._next or what != self._what:
-            self._next, self._what = now + 0.2, what
-            pace = (now - self._begin) / done_s if done_s > 5.0 else 1.0
-            line = f"{what}, {max(0.0, pace * (self._total_s - done_s)):.0f} s to go"
-            print(f"\r{line:<60}", end="", flush=True)
+        shown = what if self._shown else what.split(":")[0]
+        is_new, self._what = shown != self._what, shown
+        if is_new and not self._shown:
+            _say(f"{shown} ...")
+        pace = (time.monotonic() - self._begin) / done_s if done_s > 5.0 else 1.0
+        left_s = max(0.0, pace * (self._total_s - done_s))
+        self._line.show(f"{what}, {left_s:.0f} s to go", at_once=is_new)
 
     def end(self) -> None:
-        if self._shown:
-            print(f"\r{'':<60}\r", end="", flush=True)
+        self._line.end()

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 from softsim_core.base import DataError, known_names
 from softsim_ros import write_page
-from softsim_ros.cli import EXIT_INTERRUPTED, ProgressLine, UsageError, add_number, add_out
+from softsim_ros.cli import (
+    EXIT_INTERRUPTED,
+    ProgressLine,
+    UsageError,
+    add_number,
+    add_out,
+    table_lines,
+)
 
 if TYPE_CHECKING:
     from softsim_core.lab.identification import DataSet, Session, SessionResult
@@ -55,10 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_ros.cli.measurements.validate_report import report_lines, validation_page
 
     if arguments.data_set is None:
-        data_sets = known_data_sets()
-        width = max(map(len, data_sets), default=0)
-        for name, file in data_sets.items():
-            print(f"{name:<{width}}  {load_data_set(file).description.about}")
+        data_sets = known_data_sets().items()
+        for line in table_lines([(name, load_data_set(file).description.about) for name, file in data_sets]):
+            print(line)
         return 0
     limits = {f"{name}_mm": getattr(arguments, f"max_{name}") for name in LIMITS}
     limits = {name: value for name, value in limits.items() if value is not None}

@@ -17,6 +17,7 @@ from softsim_core.lab.identification import (
 )
 from softsim_core.physics.mechanics import rotation_log
 from softsim_ros import render_page
+from softsim_ros.cli import table_lines
 
 HEAD = ("session", "errors", "raw mean", "mean", "rms", "p95", "max")
 SHOWN_WORST = 3
@@ -58,12 +59,7 @@ def _errors(results: Sequence[SessionResult]) -> list[tuple[str, ...]]:
 
 def _text_table(results: Sequence[SessionResult]) -> list[str]:
     rows = [HEAD, *(row[:-1] for row in _errors(results))]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    sides = ("<", *">" * (len(HEAD) - 1))
-    lines = [
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True))
-        for row in rows
-    ]
+    lines = table_lines(rows, ">")
     if any(each.others for each in results):
         lines.append("* another model; a rigid frame is fitted, no sensor point: the data have no tilt of it")
     return lines

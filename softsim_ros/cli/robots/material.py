@@ -26,7 +26,7 @@ from softsim_core.physics.fem.materials import (
 )
 from softsim_core.scene import MaterialDescription
 from softsim_ros import save_figure
-from softsim_ros.cli import CommandError, UsageError, add_number, add_out, require_matplotlib
+from softsim_ros.cli import CommandError, UsageError, add_number, add_out, require_matplotlib, table_lines
 
 WIDTH, HEIGHT = 60, 16
 """Columns and lines of the chart."""
@@ -78,11 +78,9 @@ def terminal_chart(curve: Curve) -> list[str]:
 
 def draw(curve: Curve, file: Path) -> None:
     """Write a picture; raises ConfigError as `save_figure`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.plot(curve.stretches, 1e-3 * curve.stresses, label=curve.title)
     axes.plot(curve.points[:, 0], 1e-3 * curve.points[:, 1], "o", label="measured, times the factor")
@@ -167,11 +165,9 @@ def _list() -> list[str]:
         ends = " / ".join(f"{one.fit(law).to_stretch:g}" for law in FITTED_LAWS)
         density = "not known" if one.density is None else f"{one.density:g} kg/m^3"
         rows.append((name, f"{1e-3 * young:.3g} kPa", ends, f"{one.break_stretch:.3g}", density))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    source = elastomer(elastomer_names()[0]).source
-    return [line.rstrip() for line in lines] + [
-        f"fits: {' / '.join(FITTED_LAWS)}; source: {source}",
+    return [
+        *table_lines(rows),
+        f"fits: {' / '.join(FITTED_LAWS)}; source: {elastomer(elastomer_names()[0]).source}",
         "The table's stiffness is too low: set stiffness_factor from a test of your own.",
     ]
 

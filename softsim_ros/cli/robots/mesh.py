@@ -8,6 +8,7 @@ import math
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -181,28 +182,20 @@ def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[st
 
 def draw(made: MeshedPart, file: Path) -> None:
     """Draw the boundary in the file's unit, and a histogram of dihedral angles."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     skin, unit = boundary_surface(made.mesh), made.source.unit
     points = skin.points / unit.metres
-    figure = plt.figure(figsize=(11.0, 5.5))
-    try:
-        body = figure.add_subplot(1, 2, 1, projection="3d")
-        body.plot_trisurf(
-            *points.T, triangles=skin.triangles, color="#f2c27a", edgecolor="#7a5a20", linewidth=0.2
-        )
-        body.set_box_aspect(np.maximum(np.ptp(points, axis=0), 1e-9))
-        body.set(xlabel=f"x [{unit.name}]", ylabel=f"y [{unit.name}]", zlabel=f"z [{unit.name}]")
-        body.set_title(f"{made.report.nodes} nodes, {made.report.elements} tetrahedra")
-        angles = figure.add_subplot(1, 2, 2)
-        angles.hist(
-            dihedral_angles_deg(made.mesh.points, made.mesh.tets[:, :4]).reshape(-1), 60, color="#4a7ba6"
-        )
-        angles.set(xlabel="dihedral angle [deg]", ylabel="how many", xlim=(0.0, 180.0))
-        angles.set_title(f"{made.report.min_dihedral_deg:.1f} to {made.report.max_dihedral_deg:.1f} degrees")
-        save_figure(figure, file)
-    finally:
-        plt.close(figure)
+    figure = Figure(figsize=(11.0, 5.5))
+    body: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    body.plot_trisurf(
+        *points.T, triangles=skin.triangles, color="#f2c27a", edgecolor="#7a5a20", linewidth=0.2
+    )
+    body.set_box_aspect(np.maximum(np.ptp(points, axis=0), 1e-9))
+    body.set(xlabel=f"x [{unit.name}]", ylabel=f"y [{unit.name}]", zlabel=f"z [{unit.name}]")
+    body.set_title(f"{made.report.nodes} nodes, {made.report.elements} tetrahedra")
+    angles = figure.add_subplot(1, 2, 2)
+    angles.hist(dihedral_angles_deg(made.mesh.points, made.mesh.tets[:, :4]).reshape(-1), 60, color="#4a7ba6")
+    angles.set(xlabel="dihedral angle [deg]", ylabel="how many", xlim=(0.0, 180.0))
+    angles.set_title(f"{made.report.min_dihedral_deg:.1f} to {made.report.max_dihedral_deg:.1f} degrees")
+    save_figure(figure, file)

@@ -41,10 +41,12 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.robot)
     line = ProgressLine(sys.stderr)
 
-    def show_progress(done: int, total: int) -> None:
-        line.show(f"equilibria {done}/{total}", at_once=done == total)
-
-    workspace = sample_workspace(scene, arguments.samples, arguments.base_shift, show_progress)
+    workspace = sample_workspace(
+        scene,
+        arguments.samples,
+        arguments.base_shift,
+        lambda done, total: line.show(f"equilibria {done}/{total}", at_once=done == total),
+    )
     line.end()
     if arguments.json:
         samples = {
@@ -85,11 +87,9 @@ def _report_lines(robot: str, workspace: Workspace) -> list[str]:
 
 def draw(workspace: Workspace, robot: str, file: Path) -> None:
     """Write a picture, colour is the conditioning of the position Jacobian; raises as `save_figure`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(2, 2)
     points, tilts = 1e3 * workspace.positions, math.degrees(1.0) * workspace.tilts
     panels = (

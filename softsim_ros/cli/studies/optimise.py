@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
-from softsim_ros.cli.studies.sweep import Progress, check_numbers, configure_running, options, print_summary
+from softsim_ros.cli.studies.sweep import configure_running, print_summary, run_study
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -17,19 +16,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run generations until the optimum is found, and print it."""
-    from softsim_core.lab.study import optimise, prepare_study
+    from softsim_core.lab.study import optimise
 
-    check_numbers(arguments)
-    prepared = prepare_study(arguments.study, arguments.allow_code)
-    store = arguments.out or Path(f"{prepared.study.name}.zarr")
-    progress = Progress()
-    try:
-        found = optimise(prepared, store, options(arguments, store, progress))
-    finally:
-        progress.end()
+    study, found = run_study(arguments, optimise)
     if arguments.json:
         result = {
-            "store": str(store),
+            "store": str(found.summary.folder),
             "run": found.run,
             "objective": found.objective,
             "values": dict(found.values),
@@ -41,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(result))
         return 0
     print_summary(found.summary, as_json=False)
-    units = {each.name: each.unit for each in prepared.study.variables}
+    units = {each.name: each.unit for each in study.variables}
     print(f"{found.generations} generations; {found.ended}")
     print(f"best is run {found.run}, objective {found.objective:.6g}:")
     for name, value in found.values.items():

@@ -8,15 +8,18 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from softsim_core.base import StudyError, install_command
 from softsim_ros import write_page
-from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out, table_lines
 
 if TYPE_CHECKING:
-    from softsim_core.lab.study import StudySummary, SweepOptions
+    from softsim_core.lab.study import PreparedStudy, StudyDescription, StudySummary, SweepOptions
+
+Result = TypeVar("Result")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -57,43 +60,45 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report is not None:
         return _report(arguments)
     if arguments.study is None:
-        studies = known_studies()
-        width = max(map(len, studies), default=0)
-        for name, file in studies.items():
-            print(f"{name:<{width}}  {load_study(file).about}")
+        for line in table_lines([(name, load_study(file).about) for name, file in known_studies().items()]):
+            print(line)
         return 0
-    from softsim_core.lab.study import prepare_study, read_results, sweep, write_parquet
+    from softsim_core.lab.study import read_results, sweep, write_parquet
 
-    check_numbers(arguments)
-    prepared = prepare_study(arguments.study, arguments.allow_code)
-    store = arguments.out or Path(f"{prepared.study.name}.zarr")
-    progress = Progress()
-    try:
-        summary = sweep(prepared, store, options(arguments, store, progress))
-    finally:
-        progress.end()
+    _, summary = run_study(arguments, sweep)
     if arguments.parquet is not None:
-        write_parquet(read_results(store), arguments.parquet)
+        write_parquet(read_results(summary.folder), arguments.parquet)
     print_summary(summary, arguments.json)
     return 0
 
 
-def check_numbers(arguments: argparse.Namespace) -> None:
-    """Raise UsageError if one of the given numbers is invalid."""
+def run_study(
+    arguments: argparse.Namespace, execute: Callable[[PreparedStudy, Path, SweepOptions], Result]
+) -> tuple[StudyDescription, Result]:
+    """Prepare a study, `execute` it with the options of the arguments, and return it with the result.
+
+    Raises:
+        UsageError: one of the given numbers is invalid.
+        StudyError: recordings are requested, and ROS or the package that writes them is missing.
+    """
+    from softsim_core.lab.study import prepare_study
+
     for option, least in (("workers", 1), ("batch", 1), ("bags", 0)):
         value = getattr(arguments, option)
         if value is not None and value < least:
             raise UsageError(f"--{option} must be {least} or more")
     if arguments.workers is not None and arguments.scheduler is not None:
         raise UsageError("give --workers or --scheduler, not both")
+    prepared = prepare_study(arguments.study, arguments.allow_code)
+    store = arguments.out or Path(f"{prepared.study.name}.zarr")
+    progress = Progress()
+    try:
+        return prepared.study, execute(prepared, store, _options(arguments, store, progress))
+    finally:
+        progress.end()
 
 
-def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> SweepOptions:
-    """Return the options of a study run.
-
-    Raises:
-        StudyError: recordings are requested, and ROS or the package that writes them is missing.
-    """
+def _options(arguments: argparse.Namespace, store: Path, progress: Progress) -> SweepOptions:
     from softsim_core.lab.study import SweepOptions, Where
 
     recorder = None

@@ -21,7 +21,7 @@ from servo_bridge.emulator import VirtualBoard, why_missing
 from softsim_core.base import SoftSimError, version_of
 from softsim_node import environment, has_ros_wheels, ros_problems, system_ros
 from softsim_ros import OPTIONAL
-from softsim_ros.cli import Colours
+from softsim_ros.cli import ROS_PACKAGES, Colours
 
 
 class Level(Enum):
@@ -189,10 +189,6 @@ def check_flashing() -> list[Finding]:
     return [Finding(Level.OK, "avrdude", program or "not installed", advice)]
 
 
-MESSAGE_PACKAGES = (
-    "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "visualization_msgs", "shape_msgs",
-    "diagnostic_msgs", "rosgraph_msgs", "lifecycle_msgs", "std_srvs",
-)  # fmt: skip
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_NEEDED = 64_000_000
 
@@ -216,7 +212,7 @@ def check_client() -> list[Finding]:
     source = "pip wheels" if has_ros_wheels(Path(sys.prefix)) else os.environ.get("ROS_DISTRO", "system")
     place = Path(rclpy.__file__).parent
     findings = [Finding(Level.OK, "ROS 2", f"rclpy ({source}) with {middleware} in {place}")]
-    missing = [name for name in MESSAGE_PACKAGES if importlib.util.find_spec(name) is None]
+    missing = [name for name in ROS_PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         package = "ros-jazzy-common-interfaces"
         advice = f"pip install {package}==5.3.6, or sudo apt install {package}"
