@@ -142,7 +142,9 @@ def declare_value(
     descriptor = _descriptor(default, about)
     try:
         if overridable and isinstance(default, float | tuple):
-            found = _read_start_value(node, name, first)
+            of_any_type = ParameterDescriptor(dynamic_typing=True)
+            found = node.declare_parameter(name, first, of_any_type).value
+            node.undeclare_parameter(name)
             if (number := with_decimals(found)) is not found:
                 first, overridable = number, False
         value = node.declare_parameter(name, first, descriptor, ignore_override=not overridable).value
@@ -302,13 +304,6 @@ class LiveParameters(ParameterChanges, Generic[Settings]):
                 self._apply(names, self.values)
             except Exception as error:  # rclpy has stored the values and has no answer for this
                 self._node.get_logger().error(f"parameters are stored, but: {error_message(error)}")
-
-
-def _read_start_value(node: Node, name: str, default: Any) -> Any:
-    """Return the start value, of any type, that the node was given for a parameter not declared yet."""
-    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
-    node.undeclare_parameter(name)
-    return value
 
 
 def with_decimals(value: Any) -> Any:

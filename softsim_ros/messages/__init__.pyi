@@ -33,7 +33,6 @@ from .sensors import (
 from .states import (
     base_target as base_target,
     clock as clock,
-    fluid_pressure as fluid_pressure,
     header as header,
     joint_state as joint_state,
     message_array as message_array,

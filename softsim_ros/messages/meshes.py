@@ -49,12 +49,6 @@ def linear_rgb(lightness: Array, chroma: Array, hue_rad: Array) -> Array:
     return rgb
 
 
-def screen_rgb(linear: Array) -> Array:
-    """Return screen (sRGB) values in 0..1 of linear ones, shape (n, 3), clipped to a screen's range."""
-    clipped = np.clip(linear, 0.0, 1.0)
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
-
-
 def colour_table(steps: int = STEPS) -> NDArray[np.float32]:
     """Return the scale as sRGB rows from lowest to highest value, shape (steps, 3), with reduced chroma.
 
@@ -69,7 +63,9 @@ def colour_table(steps: int = STEPS) -> NDArray[np.float32]:
         rgb = linear_rgb(lightness, middle, hue)
         shown = ((rgb >= 0.0) & (rgb <= 1.0)).all(axis=1)
         low, high = np.where(shown, middle, low), np.where(shown, high, middle)
-    return screen_rgb(linear_rgb(lightness, low, hue)).astype(np.float32)
+    linear = np.clip(linear_rgb(lightness, low, hue), 0.0, 1.0)
+    screen = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    return screen.astype(np.float32)
 
 
 _TABLE = colour_table()

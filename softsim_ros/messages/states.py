@@ -18,7 +18,7 @@ from geometry_msgs.msg import (
 )
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import FluidPressure, JointState, MultiDOFJointState
+from sensor_msgs.msg import JointState, MultiDOFJointState
 from std_msgs.msg import Header
 
 from softsim_core.base import CommandError, shorten
@@ -84,11 +84,6 @@ def joint_state(
         velocity=message_array(velocities, "d"),
         effort=message_array(efforts, "d"),
     )
-
-
-def fluid_pressure(stamp: Time, frame: str, pressure: float) -> FluidPressure:
-    """Return an absolute pressure in [Pa], of unknown variance, at a sensor in `frame`."""
-    return FluidPressure(header=header(stamp, frame), fluid_pressure=pressure)
 
 
 def pose(position: Iterable[float], quaternion_xyzw: Iterable[float]) -> PoseMessage:

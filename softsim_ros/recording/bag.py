@@ -79,7 +79,13 @@ class Bag(AbstractContextManager["Bag"]):
         """Read robot, namespace and message types of the bag."""
         with self._damage_as_bag_error("cannot be read"):
             notes = getattr(self._reader.storage.metadata, "custom", None) or {}
-            self.namespace = shorten(str(notes.get("namespace") or self._common_namespace()), 200)
+            ending = "/joint_states"
+            spaces = (
+                each.topic.removesuffix(ending)
+                for each in self._reader.connections
+                if each.topic.endswith(ending)
+            )
+            self.namespace = shorten(str(notes.get("namespace") or next(spaces, "") or "/"), 200)
             self.robot = shorten(str(notes.get("robot") or self.namespace.strip("/")), 200)
             for each in self._reader.connections:  # types that the reader does not know
                 if each.msgtype not in self._types.fielddefs and each.msgdef.data:
@@ -180,12 +186,6 @@ class Bag(AbstractContextManager["Bag"]):
 
     def _connections(self, topics: Collection[str]) -> list[Connection]:
         return [each for each in self._reader.connections if each.topic in topics]
-
-    def _common_namespace(self) -> str:
-        for each in self._reader.connections:
-            if each.topic.endswith("/joint_states"):
-                return each.topic.removesuffix("/joint_states") or "/"
-        return "/"
 
 
 def storage_of(path: Path) -> Path:

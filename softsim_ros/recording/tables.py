@@ -72,7 +72,13 @@ def _tables(bag: Bag, topic: str) -> dict[str, list[Row]]:
 
 def _message_row(message: Any) -> Row:
     """Return the values of a message by name; those of joint states by the names of the joints."""
-    return joint_row(message) if message.__msgtype__ == "sensor_msgs/msg/JointState" else dict(flat(message))
+    if message.__msgtype__ != "sensor_msgs/msg/JointState":
+        return dict(flat(message))
+    row: Row = dict(_flat_value(message.header, "header"))
+    for quantity in ("position", "velocity", "effort"):
+        values = getattr(message, quantity).tolist()
+        row |= {f"{joint}.{quantity}": value for joint, value in zip(message.name, values, strict=False)}
+    return row
 
 
 def flat(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -100,15 +106,6 @@ def _flat_value(value: Any, name: str) -> Iterator[tuple[str, Any]]:
             raise TooLongError(name)
         for index, item in enumerate(value.tolist() if hasattr(value, "tolist") else value):
             yield from _flat_value(item, f"{name}.{index}")
-
-
-def joint_row(message: Any) -> Row:
-    """Return position, velocity and effort of each joint by its name."""
-    row: Row = dict(_flat_value(message.header, "header"))
-    for quantity in ("position", "velocity", "effort"):
-        values = getattr(message, quantity).tolist()
-        row |= {f"{joint}.{quantity}": value for joint, value in zip(message.name, values, strict=False)}
-    return row
 
 
 def diagnostic_row(status: Any) -> Row:

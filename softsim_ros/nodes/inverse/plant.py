@@ -100,7 +100,9 @@ class SimulatedRobot:
         if scene.generation <= self._generation:
             return
         self._generation = scene.generation
-        mechanics = mechanics_of(scene.robot)
+        alone = scene.robot.robot_alone().scene  # without name, appearance and the objects that it touches
+        bodies = tuple(replace(body, surface=None, colour=_NO_COLOUR) for body in alone.bodies)
+        mechanics = replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
         if self._first is None:
             self._first = mechanics
         before, source = self._problem, scene.robot.source
@@ -113,13 +115,6 @@ class SimulatedRobot:
         )
         if self._problem != before:
             self._changed(self._problem)
-
-
-def mechanics_of(robot: RobotDescription) -> SceneDescription:
-    """Return the mechanical part of a robot: no name, no appearance, none of the objects that it touches."""
-    alone = robot.robot_alone().scene
-    bodies = tuple(replace(body, surface=None, colour=_NO_COLOUR) for body in alone.bodies)
-    return replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
 
 
 Feedback: TypeAlias = Literal["none", "effector_pose", "imu"]
@@ -189,7 +184,10 @@ class Plant:
             return self.effector
         if feedback == "imu" and now - self.imu_at <= FEEDBACK_WITHIN_S and model is not None:
             assert self.imu is not None
-            return _with_tilt(model, self.imu)
+            rotation = rotation_of(model.quaternion_xyzw)
+            error = rotation_log(rotation_of(self.imu) @ rotation.T)
+            error[2] = 0.0  # the model's turn about the world's vertical stays
+            return Pose(model.position, quaternion_of(rotation_exp(error) @ rotation))
         return None
 
 
@@ -208,14 +206,6 @@ def off_command(joints: Sequence[JointDescription], positions: Array, command: A
         if abs(position - goal) > reach:
             off.append(joint.name)
     return off
-
-
-def _with_tilt(model: Pose, measured: Array) -> Pose:
-    """Return the model's pose with the measured tilt; its turn about the world's vertical stays."""
-    rotation = rotation_of(model.quaternion_xyzw)
-    error = rotation_log(rotation_of(measured) @ rotation.T)
-    error[2] = 0.0
-    return Pose(model.position, quaternion_of(rotation_exp(error) @ rotation))
 
 
 def effector_rest(robot: RobotDescription) -> Array:

@@ -17,14 +17,13 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from softsim_core.base import MOST_NAMES, Array, CommandError, SoftSimError, names_up_to, shorten
-from softsim_core.physics.mechanics import rotation_of
+from softsim_core.physics.mechanics import check_command, rotation_of
 from softsim_core.simulation import Simulation
 from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter, steady_timer
 from softsim_ros.messages import read_base_target
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.setpoints import (
     named_command,
-    position_command,
     seconds,
     trajectory_command,
     trajectory_delay,
@@ -210,7 +209,7 @@ class CommandInputs:
             self._physics.commanded.driven.receive(positions, seconds(message.header.stamp))
 
     def _on_positions(self, message: Float64MultiArray) -> None:
-        self._physics.commanded.command(position_command(message, self._joint_names()))
+        self._physics.commanded.command(np.array(check_command(message.data, self._joint_names())))
 
     def _on_named(self, message: JointState) -> None:
         self._physics.commanded.command_named(named_command(message, self._joint_names(), self._now_s()))

@@ -376,10 +376,11 @@ class ChamberPublications:
         """Publish all pressures."""
         if not self._joints:
             return
-        efforts, frame = moment.simulation.joint_efforts, moment.scene.frames.base
+        efforts = moment.simulation.joint_efforts
+        at = header(moment.stamp, moment.scene.frames.base)
         for (joint, around), publisher in zip(self._joints, self._publishers.values(), strict=True):
             pressure = around + float(efforts[joint])
-            publisher.publish(messages.fluid_pressure(moment.stamp, frame, pressure))
+            publisher.publish(FluidPressure(header=at, fluid_pressure=pressure))
 
 
 class SensorPublications:
@@ -412,12 +413,12 @@ class SensorPublications:
             if reading is self._sent.get(name) and not moment.whole:
                 continue
             self._sent[name] = reading
-            header: Any = None
+            at: Any = None
             for topic, message in topics:
                 publisher = self._publishers[topic, message.message]
                 if publisher.get_subscription_count():
-                    header = header or messages.header(moment.stamp, frame)
-                    publisher.publish(message.write(header, reading))
+                    at = at or header(moment.stamp, frame)
+                    publisher.publish(message.write(at, reading))
 
 
 def _frame_of(sensor: SimulatedSensorDescription, scene: ShownScene) -> str:

@@ -10,14 +10,12 @@ from typing import Final, Protocol
 import numpy as np
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from softsim_core.base import MOST_NAMES, Array, CommandError, names_up_to
 from softsim_core.physics.actuation import JointTrajectory
 from softsim_core.physics.mechanics import (
     check_age,
-    check_command,
     check_named_command,
     check_positions_only,
     says_something,
@@ -32,15 +30,6 @@ FARTHEST_START_S: Final = 3600.0
 
 LATE_S: Final = 0.5
 """A trajectory that ended at most this long ago, in [s], still moves the joints to its end."""
-
-
-def position_command(message: Float64MultiArray, joints: Sequence[str]) -> Array:
-    """Return joint positions in [rad] or [m], shape (len(joints),).
-
-    Raises:
-        CommandError: wrong length, or a value that is not a finite number.
-    """
-    return np.array(check_command(message.data, joints))
 
 
 def seconds(stamp: Time) -> float:

@@ -206,7 +206,7 @@ def _value_columns(
     rows = list(zip(units, values, strict=True))
     return (
         [f"{title} {si}", *(_si(unit, value) for unit, value in rows)],
-        [f"{small:>6}", *(_small(unit, value) for unit, value in rows)],
+        [f"{small:>6}", *("-" if value is None else f"{value * unit.per_si:.1f}" for unit, value in rows)],
     )
 
 
@@ -275,10 +275,6 @@ def _si(unit: Unit, value: float | None) -> str:
     if not math.isfinite(value):
         return f"{value}"
     return f"{value:.4f}" if unit in (ANGLE, LENGTH, SHORTENING) else f"{value:.4g}"
-
-
-def _small(unit: Unit, value: float | None) -> str:
-    return "-" if value is None else f"{value * unit.per_si:.1f}"
 
 
 def _columns(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -34,7 +34,7 @@ class DeferredOutput:
 
     def __enter__(self) -> DeferredOutput:
         """Redirect standard output and error if they are a terminal."""
-        descriptors = [descriptor for descriptor in (1, 2) if _is_terminal(descriptor)]
+        descriptors = [descriptor for descriptor in (1, 2) if os.isatty(descriptor)]
         if descriptors:
             _flush()
             self._file = tempfile.TemporaryFile()
@@ -64,13 +64,6 @@ class DeferredOutput:
         size = os.fstat(self._file.fileno()).st_size
         newest = os.pread(self._file.fileno(), _SHOWN_BYTES, max(size - _SHOWN_BYTES, 0))
         return newest.split(b"\n", 1)[-1] if size > _SHOWN_BYTES else newest
-
-
-def _is_terminal(descriptor: int) -> bool:
-    try:
-        return os.isatty(descriptor)
-    except OSError:
-        return False
 
 
 def _flush() -> None:

@@ -358,13 +358,15 @@ def _guarding(
     """Apply rule and filter to servers started inside the context; `guarded` is then not empty."""
     serve = websockets.asyncio.server.serve
     page = _page()
+    silent = logging.getLogger("softsim_ros.nodes.viewer.websockets")
+    silent.disabled = True  # requests of strangers cannot fill the terminal
 
     def guarded_serve(handler: Any, *args: Any, **options: Any) -> Any:
         guarded.append(True)
         options["process_request"] = _guard(rule, page, options.get("process_request"))
         options["create_connection"] = _counted_connections()
         options["open_timeout"], options["max_size"] = HANDSHAKE_WITHIN_S, MOST_BYTES
-        options["logger"] = _disabled_logger()
+        options["logger"] = silent
 
         async def handle_filtered(connection: Any) -> None:
             await handler(FilteredConnection(connection, controls))
@@ -377,13 +379,6 @@ def _guarding(
         yield
     finally:
         module.serve = serve
-
-
-def _disabled_logger() -> logging.Logger:
-    """Return a disabled logger, so that requests of strangers cannot fill the terminal."""
-    logger = logging.getLogger("softsim_ros.nodes.viewer.websockets")
-    logger.disabled = True
-    return logger
 
 
 def _counted_connections() -> type[websockets.asyncio.server.ServerConnection]:

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.scene import AttachmentDescription, RobotDescription, ViewSettings
 from softsim_ros.nodes.viewer.marker_view import MarkerView, marker_points
 from softsim_ros.nodes.viewer.surface import (
@@ -178,7 +178,9 @@ class InnerView:
         self._positions = positions
         if int(self._tetrahedra.max(initial=-1)) >= len(positions):
             return  # nodes of another scene
-        view, visible = self._view, self._mask_visible(len(positions))
+        view, visible = self._view, np.ones(len(positions), dtype=bool)  # nodes of bodies that are shown
+        for name, part in self._bodies.items():
+            visible[part] = f"bodies/{name}" not in view.hidden
         tetrahedra = self._tetrahedra[visible[self._tetrahedra[:, 0]]]
         if view.elements and len(tetrahedra):
             vertices, faces = shrunk_faces(positions, tetrahedra, ELEMENT_SHARE)
@@ -191,14 +193,6 @@ class InnerView:
                 continue
             colour, points = REGION_COLOURS[number % len(REGION_COLOURS)], positions[nodes].astype(np.float32)
             self._draw(f"regions/{name}", "points", points, colour, size=REGION_SHARE * size)
-
-    def _mask_visible(self, count: int) -> BoolArray:
-        """Return a mask of the `count` nodes: True for nodes of bodies that are not hidden."""
-        visible = np.ones(count, dtype=bool)
-        for name, nodes in self._bodies.items():
-            if f"bodies/{name}" in self._view.hidden:
-                visible[nodes] = False
-        return visible
 
     def _draw(self, name: str, kind: str, points: Points, extra: Any, *, size: float = 1.0) -> None:
         if name in self._moving:

@@ -147,14 +147,7 @@ _TOKEN: Final = re.compile(rf"[A-Za-z0-9_-]{{8,{LONGEST_TOKEN}}}")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewerSettings:
-    """Address and appearance of the page.
-
-    Attributes:
-        host: IP address to listen on; 127.0.0.1 is this machine only.
-        port: TCP port.
-        no_token: Require no secret: every account of this machine may use the page.
-        lite: Cheap light, for browsers without a graphics card.
-    """
+    """Address and appearance of the page."""
 
     host: str = parameter("127.0.0.1", "IP address to listen on; 127.0.0.1: this machine only", fixed=True)
     port: int = parameter(DEFAULT_PORT, "TCP port of the page", within=(1, 65535), fixed=True)
@@ -164,11 +157,7 @@ class ViewerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TokenSetting:
-    """The token as a parameter of a temporary node; others could read it from the viewer's parameters.
-
-    Attributes:
-        token: Secret that browsers send.
-    """
+    """The token as a parameter of a temporary node; others could read it from the viewer's parameters."""
 
     token: str = parameter("", "Secret that browsers bring; give it in SOFTSIM_PAGE_TOKEN", fixed=True)
 

@@ -222,14 +222,16 @@ class Picture:
         """Draw messages that have arrived since the last frame; `now` is a steady clock in [s]."""
         stage = self.stage
         if (message := self._newest.pop(POINTS, None)) is not None:
-            rows = read_point_cloud(message)
-            stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
+            vertices = read_point_cloud(message)
+            stage.surface.update(vertices[:, :3] * np.float32(MM), vertices[:, 3], now)
             stage.normals.update(stage.surface.points, stage.surface.triangles, now)
             stage.shadow.follow(stage.surface.points, stage.surface.triangles, now)
             if stage.pull is not None:
                 stage.draw_rope()
         if (frames := self._newest.pop(FRAMES, None)) is not None:
-            poses, names = _pose_rows(frames), () if self._scene is None else self._scene.frames
+            pairs = [(pose.position, pose.orientation) for pose in frames.poses]
+            rows = [(MM * at.x, MM * at.y, MM * at.z, turn.x, turn.y, turn.z, turn.w) for at, turn in pairs]
+            poses, names = np.array(rows).reshape(-1, 7), () if self._scene is None else self._scene.frames
             stage.inner.move_frames(poses)
             if self.base.joint in names and len(poses) == len(names):
                 self.base.follow(poses[names.index(self.base.joint), :3])
@@ -349,10 +351,3 @@ def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
     pulls = [getattr(joint.actuator, "pull_point", None) for joint in scene.joints]
     loads = [body.pose.translation for body in scene.rigid_bodies if body.mass is not None]
     return np.array([*places, *filter(None, pulls), *loads], np.float32).reshape(-1, 3)
-
-
-def _pose_rows(message: PoseArray) -> Array:
-    """Return poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
-    places = [(p.position, p.orientation) for p in message.poses]
-    rows = [(MM * at.x, MM * at.y, MM * at.z, turn.x, turn.y, turn.z, turn.w) for at, turn in places]
-    return np.array(rows).reshape(-1, 7)

@@ -65,7 +65,10 @@ def stage_table(stages: Mapping[str, Stage]) -> str:
     rows = [
         (
             _indent(name, int(values.get("level", "0"))),
-            *(_round_number(values.get(column, ""), digits) for column, (_, digits) in STATISTICS.items()),
+            *(
+                f"{float(number):.{digits}f}" if (number := values.get(column, "")) else ""
+                for column, (_, digits) in STATISTICS.items()
+            ),
         )
         for name, values in stages.items()
     ]
@@ -97,10 +100,6 @@ def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
 
 def _indent(name: str, level: int) -> str:
     return "\u00a0" * 2 * level + name  # non-breaking spaces, which HTML does not collapse
-
-
-def _round_number(number: str, digits: int) -> str:
-    return f"{float(number):.{digits}f}" if number else ""
 
 
 def _table(title: str, titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
