@@ -15,6 +15,7 @@ from .command import (
     UsageError as UsageError,
     add_number as add_number,
     add_out as add_out,
+    add_words as add_words,
     require_matplotlib as require_matplotlib,
     table_lines as table_lines,
 )

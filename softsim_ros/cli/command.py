@@ -43,6 +43,17 @@ def add_number(
     parser.add_argument(option, type=kind, default=value, metavar=metavar, help=about)
 
 
+def add_words(
+    parser: argparse._ActionsContainer,
+    option: str,
+    metavar: str | None,
+    about: str,
+    choices: Sequence[str] | None = None,
+) -> None:
+    """Declare an option that may be given several times; its words are a list, empty without it."""
+    parser.add_argument(option, action="append", default=[], metavar=metavar, choices=choices, help=about)
+
+
 def add_out(parser: argparse._ActionsContainer, metavar: str, about: str) -> None:
     """Declare the option that names the file or folder to write."""
     parser.add_argument("-o", "--out", type=Path, metavar=metavar, help=about)

@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING
 from softsim_core.base import SoftSimError
 from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
 from softsim_node import takes_escapes
-from softsim_ros.cli import EXIT_INTERRUPTED, CommandError, ProgressLine, UsageError, add_number, add_out
+from softsim_ros.cli import (
+    EXIT_INTERRUPTED,
+    CommandError,
+    ProgressLine,
+    UsageError,
+    add_number,
+    add_out,
+    add_words,
+)
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
@@ -40,29 +48,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--attach", action="store_true", help="measure the robot that runs already; else one is simulated"
     )
     parser.add_argument("--namespace", metavar="NAME", help="namespace of its nodes (the robot's name)")
-    parser.add_argument(
+    add_words(
+        parser,
         "--sensor",
-        action="append",
-        default=[],
-        metavar="TOPIC[=PLACE,...]",
-        help="topic of PoseStamped, PoseArray or Imu, and what its points sit on: a frame of the robot "
+        "TOPIC[=PLACE,...]",
+        "topic of PoseStamped, PoseArray or Imu, and what its points sit on: a frame of the robot "
         "(effector) or a point of a body X:Y:Z in m; may be repeated (those that are there)",
     )
-    parser.add_argument(
-        "--unknown",
-        action="append",
-        default=[],
-        choices=("frame", "point"),
-        help="of the sensors; it is fitted then (the frame, where it is not the robot's)",
-    )
+    unknown = "of the sensors; it is fitted then (the frame, where it is not the robot's)"
+    add_words(parser, "--unknown", None, unknown, ("frame", "point"))
     parser.add_argument(
         "--joints",
         choices=("real", "simulated"),
         help="whose joints the sensors follow (the real ones', where the bridge sends and a sensor is there)",
     )
-    parser.add_argument(
-        "--motion", action="append", default=[], choices=KINDS, help="may be repeated (all of them)"
-    )
+    add_words(parser, "--motion", None, "may be repeated (all of them)", KINDS)
     add_number(parser, "--poses", DEFAULTS.poses, "N", "most of the grid (30)")
     add_number(parser, "--levels", DEFAULTS.levels, "N", "of each joint in the grid (3)")
     reach = "of the way from the start pose to the joints' limits (0.5)"

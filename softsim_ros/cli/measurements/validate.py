@@ -19,6 +19,7 @@ from softsim_ros.cli import (
     UsageError,
     add_number,
     add_out,
+    add_words,
     table_lines,
 )
 
@@ -35,9 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--robot", metavar="MODEL", help="robot or scene: a name or a file (the data set's)")
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the measured files")
-    parser.add_argument(
-        "--session", action="append", default=[], metavar="NAME", help="only this session; may be given again"
-    )
+    add_words(parser, "--session", "NAME", "only this session; may be given again")
     add_number(parser, "--every", 1, "N", "only each N-th row, for a first look (1)")
     parser.add_argument(
         "--order", choices=("nearest", "rows"), default="nearest", help="of static rows (nearest)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softsim_ros.cli import CommandError, UsageError, add_number
+from softsim_ros.cli import CommandError, UsageError, add_number, add_words
 
 DEFAULT = "tripod"
 """Robot whose topics to wait for if no robot runs yet."""
@@ -17,13 +17,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", metavar="BAG", default="", help="the bag's folder (ROBOT_DATE_TIME here)"
     )
-    parser.add_argument(
-        "--topic",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="record only this topic, such as joint_states or /diagnostics; may be repeated",
-    )
+    topic = "record only this topic, such as joint_states or /diagnostics; may be repeated"
+    add_words(parser, "--topic", "NAME", topic)
     add_number(parser, "--size-limit", 0.0, "MB", "end at this size")
     add_number(parser, "--time-limit", 0.0, "S", "end after this time")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")

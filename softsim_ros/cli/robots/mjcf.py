@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.base import MjcfError, write_file
-from softsim_ros.cli import add_number
+from softsim_ros.cli import add_number, add_words
 
 if TYPE_CHECKING:
     from softsim_ros.cli.robots.mjcf_comparison import ModelComparison
@@ -35,12 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     both = words.add_parser("compare", help="run a MuJoCo model in MuJoCo and here", allow_abbrev=False)
     both.add_argument("model", type=Path, help="a MuJoCo model (MJCF, .xml)")
-    both.add_argument(
-        "--law",
-        action="append",
-        metavar="LAW",
-        help=f"of soft bodies; may be said twice (corotational, {MUJOCO_LAW})",
-    )
+    laws = f"of soft bodies; may be said twice (corotational, {MUJOCO_LAW})"
+    add_words(both, "--law", "LAW", laws)
     add_number(both, "--seconds", SECONDS, "S", f"simulated time ({SECONDS:g})")
     add_number(both, "--rounds", ROUNDS, "N", f"turns of each engine ({ROUNDS})")
     both.add_argument("--json", action="store_true", help="print the report as JSON, in SI units")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from softsim_core.base import SoftSimError, open_lock, runtime_folder
 from softsim_node import takes_escapes
-from softsim_ros.cli import UsageError
+from softsim_ros.cli import UsageError, add_words
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
@@ -46,13 +46,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--watch", action="store_true", help="reload the scene whenever one of its files is saved"
     )
-    parser.add_argument(
-        "--allow-code",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="Python scenes of this folder may be loaded from the page and over ROS; they run code",
-    )
+    code = "Python scenes of this folder may be loaded from the page and over ROS; they run code"
+    add_words(parser, "--allow-code", "DIR", code)
     parser.add_argument("--no-viewer", action="store_true", help="without the web page")
     parser.add_argument(
         "--lite", action="store_true", help="cheap light in the page, for browsers without a GPU"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from softsim_core.base import StudyError, install_command
 from softsim_ros import write_page
-from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out, table_lines
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out, add_words, table_lines
 
 if TYPE_CHECKING:
     from softsim_core.lab.study import PreparedStudy, StudyDescription, StudySummary, SweepOptions
@@ -43,13 +43,8 @@ def configure_running(parser: argparse.ArgumentParser) -> None:
     )
     add_number(parser, "--batch", 1, "N", "runs of one task of Dask (1)")
     add_number(parser, "--bags", 0, "N", "keep recordings of N runs, spread evenly (0)")
-    parser.add_argument(
-        "--allow-code",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder whose Python scenes and functions may run; may be given again",
-    )
+    code = "folder whose Python scenes and functions may run; may be given again"
+    add_words(parser, "--allow-code", "DIR", code)
     parser.add_argument("--json", action="store_true", help="print what became of it as JSON")
 
 
