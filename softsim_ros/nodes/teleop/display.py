@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -292,13 +293,9 @@ def _columns(columns: Sequence[Sequence[str]]) -> list[str]:
 
 def _wrap(text: str, width: int) -> list[str]:
     """Return lines of at most `width` characters, broken at blanks where possible."""
-    lines = [""]
-    for word in text.split(" "):
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
-            lines.append("  " + word)
-        else:
-            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
-    return lines
+    return textwrap.wrap(
+        text, max(width, 1), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _fit(text: str, width: int) -> str:
