@@ -87,8 +87,7 @@ HIGHEST_DOMAIN = 232
 def ros_problems(environment: Mapping[str, str]) -> list[str]:
     """Return why ROS could not start with these variables, one message each; rclpy would end the process.
 
-    Args:
-        environment: The variables; installed middleware is searched in AMENT_PREFIX_PATH.
+    Installed middleware is searched in their AMENT_PREFIX_PATH.
     """
     problems = []
     domain = environment.get("ROS_DOMAIN_ID", "")

@@ -110,10 +110,8 @@ def guard_service(callback: Guarded, refuse: Callable[[str], None], service: str
 def answering(action: Callable[..., str]) -> Guarded:
     """Return a callback of a Trigger or SetBool service that answers with the message of an action.
 
-    An error of this project (SoftSimError) is answered as a failure.
-
-    Args:
-        action: Called without arguments, or with the value that a SetBool request has.
+    It is called without arguments, or with the value that a SetBool request has. An error of this project
+    (SoftSimError) is answered as a failure.
     """
 
     def answer(request: Any, response: Any) -> Any:

@@ -129,10 +129,8 @@ def serve_once(executor: Executor, timeout_s: float) -> None:
 def ready_callbacks(executor: Executor, enough: Callable[[], bool] = lambda: False) -> None:
     """Run the callbacks that are ready now, at most a few dozen, without waiting.
 
-    Args:
-        executor: Executor of the callbacks.
-        enough: Returns whether the other callbacks may wait for the next call; each check for more takes half
-            a millisecond.
+    `enough` returns whether the others may wait for the next call; each check for more takes half a
+    millisecond.
     """
     for _ in range(_CALLBACKS_AT_ONCE):
         if enough():

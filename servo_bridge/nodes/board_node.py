@@ -30,7 +30,6 @@ class BoardNode(GuardedNode):
     A subclass creates its `board` with a link to `link_path`, then calls `begin`.
 
     Args:
-        node_name: Name of the node.
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
         show: Whether to write the port's name and a status line to standard output.
         **node_kwargs: Passed on to rclpy's Node.

@@ -73,7 +73,6 @@ class EStopServices:
 
     Args:
         bridge: Node whose name and remappings the services use, and whose log they write.
-        e_stop: The latch.
         forget: Called before the latch is cleared; drops earlier commands that are still queued.
         changed: Called in that thread after the latch was set or cleared.
         describe_stop: Returns a message about what was sent to the board at a stop; its argument says whether

@@ -69,9 +69,6 @@ class Colours:
     """Colours text for one stream, or leaves it as it is.
 
     It colours if the stream is a terminal with colours and the environment variable NO_COLOR is not set.
-
-    Args:
-        stream: Stream to which the text will be written.
     """
 
     def __init__(self, stream: TextIO) -> None:

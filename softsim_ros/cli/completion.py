@@ -39,11 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def complete(commands: Mapping[str, Command]) -> None:
-    """Answer a shell's request for completions, and end the process.
-
-    Args:
-        commands: All commands, by name.
-    """
+    """Answer a shell's request for completions of `commands`, by name, and end the process."""
     import argcomplete
 
     words = os.environ.get("COMP_LINE", "").split()

@@ -77,12 +77,7 @@ SHOWN: Final = (
 
 
 def rviz_config(robot: RobotDescription, frame_prefix: str) -> str:
-    """Return the text of an .rviz file.
-
-    Args:
-        robot: The robot.
-        frame_prefix: Prefix of its frames, such as "left/".
-    """
+    """Return the text of an .rviz file; `frame_prefix` is the prefix of the frames, such as "left/"."""
     at_rest = [link.name for link in links_of(robot) if link.part.startswith("bodies/")]
     displays = [
         {"Class": "rviz_default_plugins/Grid", "Name": "Grid", "Enabled": True, "Cell Size": 0.02},
@@ -135,13 +130,7 @@ def _topic(name: str, *, latched: bool) -> dict[str, Any]:
 
 
 def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) -> str:
-    """Return the text of a layout file.
-
-    Args:
-        robot: The robot.
-        namespace: Namespace of its topics.
-        frame_prefix: Prefix of its frames, such as "left/".
-    """
+    """Return the text of a layout file; `namespace` is that of its topics, the rest as for RViz."""
     start = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
     joints, chambers = robot.joint_names, chambers_of(robot.joints)
     panels: dict[str, Any] = {

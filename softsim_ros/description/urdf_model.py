@@ -76,12 +76,9 @@ def control_topics(namespace: str) -> ControlTopics:
 def urdf(
     robot: RobotDescription, *, topics: ControlTopics | None = None, meshes: MeshNames = mesh_address
 ) -> str:
-    """Return the URDF text of a robot.
+    """Return the URDF text of a robot, with a section `ros2_control` if its topics are given.
 
-    Args:
-        robot: The robot.
-        topics: Topics of the section `ros2_control`; None: no such section.
-        meshes: Returns the address of each mesh.
+    `meshes` returns the address of each mesh.
     """
     root = ElementTree.Element("robot", name=robot.name)
     ElementTree.SubElement(root, "link", name=BASE_LINK)

@@ -154,10 +154,7 @@ class Measurement:
     """The measurement of a robot.
 
     Args:
-        robot: The robot.
         player: Moves it.
-        sensors: Sensors to record.
-        settings: Motions to play.
         looks: How it is observed at rest.
     """
 

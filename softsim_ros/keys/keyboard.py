@@ -60,7 +60,6 @@ class Keyboard:
 
     Args:
         node: The node of the user interface.
-        client: Client of the robot.
         say: Called with a message for the user.
 
     Attributes:

@@ -85,9 +85,7 @@ class _Series:
 def charts(bag: Bag, robot: RobotDescription | None) -> list[Chart]:
     """Return all charts of a report, each with its curves or with a message about missing topics.
 
-    Args:
-        bag: Open bag.
-        robot: The robot, for the units and limits of its joints; None if it is not known here.
+    The robot gives the units and limits of its joints; it is None if it is not known here.
     """
     return [
         *_joint_charts(bag, robot),
@@ -225,12 +223,7 @@ def _stress(bag: Bag) -> Chart:
 
 
 def draw(chart: Chart, duration_s: float) -> str:
-    """Return the chart as an SVG document.
-
-    Args:
-        chart: Chart with at least one curve.
-        duration_s: End of the time axis in [s], the same for all charts of a report.
-    """
+    """Return a chart, of one curve or more, as an SVG document with a time axis of 0..`duration_s` in [s]."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=SIZE_INCHES)

@@ -50,10 +50,7 @@ class MeshFrame(NamedTuple):
 def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = None) -> Iterator[MeshFrame]:
     """Yield frames in time order; frames without their cells in the bag, or before them, are left out.
 
-    Args:
-        bag: Open bag.
-        topics: Surface or volume.
-        rate: Largest number of frames per second of the bag, in [Hz]; None takes all.
+    `rate` is the largest number of frames per second of the bag, in [Hz]; None takes all.
     """
     cells_of = [(stamp, _cells(message)) for stamp, message in bag.messages(bag.topic(topics.cells))]
     following = 0

@@ -27,17 +27,10 @@ class TooLongError(ValueError):
 
 
 def write_csv(bag: Bag, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write every topic that fits into a table.
+    """Write every topic that fits into a table; return the files, and the topics that were left out.
 
     The first column is `recorded_s`, the time since the bag's first message; floats are written with all
-    digits.
-
-    Args:
-        bag: Open bag.
-        folder: Existing folder.
-
-    Returns:
-        The files, and the topics that were left out.
+    digits. The folder must exist.
     """
     files, left_out = [], []
     for topic in sorted(bag.topics):

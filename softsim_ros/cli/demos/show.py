@@ -35,7 +35,6 @@ class Show(ABC):
 
     Args:
         node: The node whose executor delivers the messages.
-        client: Client of the robot.
 
     Attributes:
         robot: Name of the demo's own robot.

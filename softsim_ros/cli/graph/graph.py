@@ -21,12 +21,9 @@ from softsim_ros.messages import load_message
 
 
 def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
-    """Return the fields of a message as text, one per line, nested messages indented.
+    """Return the fields of a ROS message as text, one per line after `indent`, nested messages indented.
 
-    Args:
-        message: Any ROS message.
-        limit: Longest array that is printed completely; None prints all.
-        indent: Prefix of every line.
+    `limit` is the longest array that is printed completely; None prints all.
     """
     lines = []
     for name in message.get_fields_and_field_types():
@@ -185,11 +182,7 @@ class _Echo:
 
 
 class Rate:
-    """Counts messages and prints their rate once per second.
-
-    Args:
-        clock: Returns the time in [s].
-    """
+    """Counts messages and prints their rate once per second, by a `clock` in [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.clock, self.lines, self.carried_count = clock, 0, 0

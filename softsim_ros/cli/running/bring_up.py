@@ -85,7 +85,6 @@ class BringUp(contextlib.AbstractContextManager["BringUp"]):
     Leaving the `with` block moves the servos to the safe pose.
 
     Args:
-        robot: The robot.
         namespace: Namespace of every node, without slashes at its ends.
         board: The bridge's board.
         inverse: Whether to run inverse control, disabled until key I.

@@ -149,11 +149,7 @@ def check_terminal() -> list[Finding]:
 
 
 def check_board(port: str = "") -> list[Finding]:
-    """Check which port the bridge would use, and whether it has access.
-
-    Args:
-        port: Named by the user; empty searches.
-    """
+    """Check which port the bridge would use, and whether it has access; an empty `port` searches."""
     devices = sorted(info.device for info in list_ports.comports())
     try:
         found = find_port(port)

@@ -16,12 +16,7 @@ from softsim_ros.cli import CommandError, UsageError
 
 
 class UncoveredPathError(UsageError):
-    """A path that no test covers.
-
-    Args:
-        path: The path, relative to the checkout.
-        covered: The paths that tests cover.
-    """
+    """A path, relative to the checkout, that no test covers."""
 
     def __init__(self, path: str, covered: Iterable[str]) -> None:
         self.path = path

@@ -192,13 +192,7 @@ class Plant:
 
 
 def off_command(joints: Sequence[JointDescription], positions: Array, command: Array) -> list[str]:
-    """Return the names of the joints that are not near their command.
-
-    Args:
-        joints: Joints with their limits.
-        positions: Measured, in [rad] or [m], shape (j,).
-        command: Commanded, same shape and unit.
-    """
+    """Return the names of the joints that are not near their command; both in [rad] or [m], shape (j,)."""
     off = []
     for joint, position, goal in zip(joints, positions, command, strict=True):
         span = joint.limits.upper - joint.limits.lower

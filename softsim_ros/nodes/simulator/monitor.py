@@ -38,14 +38,9 @@ class Pacer:
         self._due = None
 
     def wait_s(self, now: float, period_s: float) -> float:
-        """Return how long to wait after a step that ended at `now`.
+        """Return the time in [s], >= 0, from the end of a step, `now` on a steady clock, until the next one.
 
-        Args:
-            now: Steady clock in [s].
-            period_s: Time from step to step in [s]; 0 means as fast as possible.
-
-        Returns:
-            Seconds until the next step is due, >= 0.
+        `period_s` is the time from step to step in [s]; 0 means as fast as possible.
         """
         if period_s <= 0.0:
             self._due = None

@@ -143,11 +143,7 @@ class Running(NamedTuple):
 
 
 class SceneEditing:
-    """Topics and services of the edit mode.
-
-    Args:
-        node: Owner of topics and services; publishes refusals.
-    """
+    """Topics and services of the edit mode, which belong to `node`; it publishes refusals."""
 
     def __init__(self, node: Any, running: Running, builder: SceneBuilder, writer: SceneWriter) -> None:
         self._node, self._running, self._builder, self._writer = node, running, builder, writer

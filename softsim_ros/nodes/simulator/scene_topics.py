@@ -25,10 +25,7 @@ class FrameTree:
     """Transforms of a simulation's links and of its rigid bodies.
 
     A link with a measured pose gets that pose, also with moved bases. A rigid body without a link is a child
-    of `world`, under its own name.
-
-    Args:
-        simulation: Scene of the frames; another scene needs another tree.
+    of `world`, under its own name. Another scene needs another tree.
     """
 
     def __init__(self, simulation: Simulation, frames: RobotFrames) -> None:

@@ -46,10 +46,9 @@ def default_name(robot: RobotDescription, namespace: str) -> str:
 
 
 class SnapshotFolder:
-    """Snapshots by name in a folder; links are not followed, and only ordinary files are overwritten.
+    """Snapshots by name in a folder, which is created with the first one.
 
-    Args:
-        folder: Created with the first snapshot.
+    Links are not followed, and only ordinary files are overwritten.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -208,11 +208,7 @@ class Follower(Protocol):
         ...
 
     def give_up(self, reason: str) -> None:
-        """Process an early end of the trajectory. Called once, from any thread.
-
-        Args:
-            reason: Why it ended, such as "the simulation was reset".
-        """
+        """Process an early end, for a reason such as "the simulation was reset"; once, from any thread."""
         ...
 
 

@@ -58,11 +58,7 @@ class _State(Enum):
 
 
 class KeyDecoder:
-    """Decodes bytes to key presses; its only state is the unfinished sequence.
-
-    Args:
-        timeout_s: Silence in [s] after which `flush` discards an unfinished sequence.
-    """
+    """Decodes bytes to key presses; `flush` discards an unfinished sequence after `timeout_s` in [s]."""
 
     def __init__(self, timeout_s: float = ESCAPE_TIMEOUT_S) -> None:
         self.timeout_s = timeout_s

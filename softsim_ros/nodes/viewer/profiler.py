@@ -130,10 +130,8 @@ class TimeAxis:
     """Simulated time of samples taken between the simulator's reports, which arrive once per second.
 
     Between two reports time is interpolated linearly. After the newest one it grows by the real-time factor,
-    and stops while the simulation is paused. If no simulator reports, it is the time since `start`.
-
-    Args:
-        start: Time of the steady clock in [s].
+    and stops while the simulation is paused. If no simulator reports, it is the time since `start` on the
+    steady clock, in [s].
     """
 
     def __init__(self, start: float) -> None:
