@@ -29,6 +29,7 @@ from .sensors import (
     read_contact_cloud as read_contact_cloud,
     read_step_profile as read_step_profile,
     step_profile as step_profile,
+    tension_cloud as tension_cloud,
 )
 from .states import (
     base_target as base_target,

@@ -14,6 +14,7 @@ from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from softsim_core.base import Array
+from softsim_core.physics.actuation import ActuatorView
 from softsim_core.physics.dynamics import ContactReport
 from softsim_core.physics.sensing import Output, Quantity, SensorReading, SimulatedSensorDescription
 from softsim_ros.messages.meshes import cloud
@@ -45,6 +46,33 @@ def contact_cloud(stamp: Time, frame: str, contacts: ContactReport) -> PointClou
         rows[name] = column
     for name, body in zip(_BODIES, contacts.bodies.T, strict=True):
         rows[name] = body
+    return cloud(stamp, frame, rows)
+
+
+TENSION = np.dtype([*((name, "<f4") for name in ("x", "y", "z", "tension")), ("joint", "<i4")])
+"""A segment of a cable: its middle in [m], its tension in [N], the index of its joint."""
+
+
+def tension_cloud(
+    stamp: Time, frame: str, actuators: Sequence[ActuatorView], joints: Sequence[str]
+) -> PointCloud2:
+    """Return the tension of each segment of each cable as rows of TENSION, from the pulled end on.
+
+    Args:
+        stamp: Time of the step.
+        frame: Frame of the points.
+        actuators: The actuators.
+        joints: Names of all joints.
+    """
+    rows, first = np.zeros(sum(len(each.tensions) for each in actuators), dtype=TENSION), 0
+    for each in actuators:
+        if not len(each.tensions):
+            continue
+        part = rows[first : first + len(each.tensions)]
+        middles = 0.5 * (each.points[1:] + each.points[:-1])
+        part["x"], part["y"], part["z"] = middles.T
+        part["tension"], part["joint"] = each.tensions, joints.index(each.name)
+        first += len(part)
     return cloud(stamp, frame, rows)
 
 

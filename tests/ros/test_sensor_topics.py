@@ -62,7 +62,7 @@ def test_every_kind_has_its_standard_message(finger: Any, spin_until: Any) -> No
     imu, tendon = collect(Imu, "sensors/tip_imu"), collect(JointState, "sensors/tendon")
     dots, bend = collect(PoseArray, "sensors/dots"), collect(Float64, "sensors/bend")
     states, points = collect(JointState, "joint_states"), collect(PointCloud2, "contacts/points")
-    structure = collect(String, "scene/structure", LATCHED)
+    structure, pulled = collect(String, "scene/structure", LATCHED), collect(PointCloud2, "cables/tensions")
     assert spin_until(lambda: offered(finger) == {name: [kind] for name, kind in SENSORS.items()})
     finger.command([0.010])
     assert spin_until(lambda: press and press[-1].wrench.force.z < -0.2)
@@ -89,6 +89,14 @@ def test_every_kind_has_its_standard_message(finger: Any, spin_until: Any) -> No
     for moment in common:
         joints, cable = (each[moment] for each in moments)
         assert cable.effort[0] == pytest.approx(joints.effort[0], rel=1e-12)
+    efforts = {seconds(each): each.effort[0] for each in states}
+    clouds = [each for each in pulled if seconds(each) in efforts]
+    assert clouds
+    for each in clouds:  # a cable without friction has one tension
+        rows = np.frombuffer(each.data, dtype=[("place", "<f4", 3), ("tension", "<f4"), ("joint", "<i4")])
+        np.testing.assert_allclose(rows["tension"], efforts[seconds(each)], rtol=1e-5)
+        assert len(rows) > 1
+        assert not rows["joint"].any()
     assert 1e-4 < bend[-1].data < 0.02
     assert dots[0].header.frame_id == "world"
     seen = np.array([[pose.position.y for pose in each.poses] for each in dots])

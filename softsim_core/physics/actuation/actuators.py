@@ -101,6 +101,7 @@ class ActuatorView:
         value: Its coordinate s, in [m] for a cable.
         multiplier: Its multiplier t, in [N] for a cable.
         pulled_from_outside: Whether the first point, where the actuator starts, is outside the body.
+        tensions: Tension of each segment between its points in [N], shape (k - 1,); empty: it has none.
         surface: Corners of the triangles that represent it in [m], world axes, shape (m, 3, 3).
     """
 
@@ -110,6 +111,7 @@ class ActuatorView:
     value: float
     multiplier: float
     pulled_from_outside: bool = False
+    tensions: Array = field(default_factory=lambda: np.zeros(0))
     surface: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @property

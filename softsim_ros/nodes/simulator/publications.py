@@ -52,7 +52,14 @@ from softsim_core.simulation import Simulation
 from softsim_node import EVERY_ONE, LATCHED, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
-from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, messages_of
+from softsim_ros.messages import (
+    SensorMessage,
+    contact_cloud,
+    format_value,
+    header,
+    messages_of,
+    tension_cloud,
+)
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
 from softsim_ros.nodes.simulator.object_markers import (
     bodies_topology,
@@ -311,6 +318,13 @@ TOPICS: Final[Sequence[Topic]] = (
         1.0 / 30.0,
         cable_places,
         concerns=lambda simulation: bool(simulation.actuators),
+    ),
+    Topic(
+        "cables/tensions",
+        PointCloud2,
+        lambda at: tension_cloud(at.stamp, WORLD, at.simulation.actuators, at.simulation.joint_names),
+        1.0 / 30.0,
+        concerns=lambda simulation: any(len(each.tensions) for each in simulation.actuators),
     ),
     Topic(
         "chambers",

@@ -154,11 +154,9 @@ class CableView(ActuatorView):
 
     Attributes:
         length: Length in [m].
-        tensions: Tension of each segment between its points in [N], shape (k - 1,); see `tension`.
     """
 
     length: float = 0.0
-    tensions: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def tension(self) -> float:
