@@ -26,6 +26,7 @@ from softsim_core.base import (
     known_names,
 )
 from softsim_core.physics.dynamics import (
+    Leading,
     StaticSolution,
     let_relax,
     nothing,
@@ -483,6 +484,7 @@ class Simulation(SceneState):
         """
         targets = np.array(check_command(list(joints), self.joint_names))
         control = Control(targets, self.forces, self.base_shift if base_shift is None else float(base_shift))
+        massless = self._time_step.massless
         return solve_static(
             self.model,
             self._state if start is None else start,
@@ -491,8 +493,7 @@ class Simulation(SceneState):
             actuators=self._actuators,
             tolerance=tolerance,
             solver=choose_linear_solver(self.scene.solver.linear_solver),
-            massless=self._time_step.massless,
-            checked=checked,
+            leading=Leading(massless, checked) if massless is not None else None,
         )
 
     def settle(

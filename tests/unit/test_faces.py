@@ -197,8 +197,11 @@ def test_classes_that_really_move_are_found_by_all_that_use_them(tmp_path: Path)
         package, _, stem = module.rpartition(".")
         folder = tmp_path.joinpath(*package.split("."))
         (folder / f"{stem}.py").rename(folder / f"{stem}_elsewhere.py")
-        stub = folder / "__init__.pyi"
-        stub.write_text(stub.read_text().replace(f"from .{stem} import", f"from .{stem}_elsewhere import"))
+        for above in (folder, *folder.relative_to(tmp_path).parents):  # its own face, and outer ones
+            if (stub := tmp_path / above / "__init__.pyi").is_file():
+                inner = module.removeprefix(".".join(stub.parent.relative_to(tmp_path).parts) + ".")
+                moved = stub.read_text().replace(f"from .{inner} import", f"from .{inner}_elsewhere import")
+                stub.write_text(moved)
         for file in tmp_path.rglob("*.py"):
             text = file.read_text(encoding="utf-8")
             if (changed := re.sub(rf"\b{re.escape(module)}\b", f"{module}_elsewhere", text)) != text:

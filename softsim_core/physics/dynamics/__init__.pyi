@@ -30,6 +30,7 @@ from .report import (
 )
 from .scipy_backend import ScipyStepper as ScipyStepper
 from .statics import (
+    Leading as Leading,
     StaticResponse as StaticResponse,
     StaticSolution as StaticSolution,
     response_of as response_of,

@@ -200,6 +200,18 @@ class LinearEnd(NamedTuple):
     forces: Array
 
 
+class Leading(NamedTuple):
+    """Steps of a model without mass, and whether what they find is checked for stability.
+
+    Attributes:
+        steps: The steps, see Stepper.without_mass.
+        checked: False: an unstable equilibrium is not noticed.
+    """
+
+    steps: MasslessStepper
+    checked: bool = True
+
+
 class StaticProblem:
     """Residual and tangent of one static problem, and the Newton iteration on them."""
 
@@ -312,12 +324,12 @@ class StaticProblem:
                 lever[self.at.first_reduced + k] = max(float(np.sqrt((moved**2).sum(axis=1).mean())), 1e-6)
         return lever
 
-    def lead(self, massless: MasslessStepper, tolerance: float, checked: bool) -> State | None:
+    def lead(self, leading: Leading, tolerance: float) -> State | None:
         """Return the equilibrium to which commands lead, by steps of the model without mass.
 
-        None: commands do not change, the steps do not get short enough, or what they find is unstable; the
-        latter is not noticed if it is not `checked`.
+        None: commands do not change, the steps do not get short enough, or what they find is unstable.
         """
+        massless = leading.steps
         if not self._driven:
             return None
         state = _copy(self.model, self.start)
@@ -344,7 +356,7 @@ class StaticProblem:
         else:
             return None
         state.velocities[:], state.reduced_velocities[:] = 0.0, 0.0
-        if not checked:
+        if not leading.checked:
             return state
         if (self._find_inverted(state) & ~self._find_inverted(self.start)).any():
             return None
@@ -786,8 +798,7 @@ def solve_static(
     actuators: Actuators | None = None,
     tolerance: float = 1e-11,
     solver: LinearSolver | None = None,
-    massless: MasslessStepper | None = None,
-    checked: bool = True,
+    leading: Leading | None = None,
 ) -> StaticSolution:
     """Return the stable equilibrium under a constant control that is reached from `state`.
 
@@ -801,8 +812,7 @@ def solve_static(
         actuators: Actuators of the joints; None: there are none. Contacts are not included.
         tolerance: Largest displacement of the last Newton step in [m].
         solver: The linear solver; None: the default.
-        massless: MasslessStepper of the model without mass, see Stepper.without_mass; None: there is none.
-        checked: Whether an equilibrium that steps without mass find is checked for stability.
+        leading: Steps of the model without mass; None: there are none.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
@@ -810,7 +820,7 @@ def solve_static(
     chosen, acting = solver or choose_linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
-        if massless is not None and (end := problem.lead(massless, tolerance, checked)) is not None:
+        if leading is not None and (end := problem.lead(leading, tolerance)) is not None:
             return StaticSolution(end, problem.iterations, 1, problem.finish(end))
         problem.begin()
         try:
