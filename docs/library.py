@@ -24,6 +24,7 @@ GROUPS: dict[str, str] = {
         "SceneDescription BodyDescription MaterialDescription JointDescription JointLimits CableDescription "
         "MaterialRegionDescription LayerDescription FibresDescription AxisDescription "
         "RodDescription RodSectionDescription LayerOfRodDescription RodClampDescription "
+        "TendonArmDescription TendonSegment Backbone Tendon tendon_arm "
         "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
         "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),

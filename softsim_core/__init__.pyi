@@ -214,6 +214,7 @@ from .scene import (
     SolverSettings as SolverSettings,
     StartAnimation as StartAnimation,
     Tendon as Tendon,
+    TendonArmDescription as TendonArmDescription,
     TendonSegment as TendonSegment,
     ViewSettings as ViewSettings,
     animated as animated,
