@@ -35,6 +35,9 @@ from softsim_core.scene.scene import Part
 TENDON_LIMITS = JointLimits(lower=-0.020, upper=0.020, speed=0.05, acceleration=0.5)
 """Travel in [m], top speed in [m/s] and acceleration in [m/s^2] of a tendon."""
 
+MOST_DISKS = 1000
+"""Largest number of disks of a segment."""
+
 _BACKBONE, _DISK = (0.75, 0.77, 0.80, 1.0), (0.25, 0.45, 0.85, 1.0)
 
 
@@ -45,7 +48,7 @@ class TendonSegment:
     Attributes:
         length: In [m], > 0.
         angles_deg: Angle of each of its tendons about the arm's axis in [deg]; it has them from the base on.
-        disks: Number of its disks, evenly spaced, the last one at its end, >= 1.
+        disks: Number of its disks, evenly spaced, the last one at its end, 1 to 1000.
         radius: Distance from the axis in [m], > 0, of all tendons that run through it.
         stiffness: Factor on the stiffness of the backbone in it, > 0.
         slack: Length in [m] by which each of its tendons is longer than its way through the arm as drawn,
@@ -69,8 +72,8 @@ class TendonSegment:
         need_finite("segment", "slack", self.slack)
         if len(self.slack) not in (0, len(self.angles_deg)):
             raise FieldError("segment", "slack", list(self.slack), f"{len(self.angles_deg)} lengths, or none")
-        if self.disks < 1:
-            raise FieldError("segment", "disks", self.disks, ">= 1")
+        if not 1 <= self.disks <= MOST_DISKS:
+            raise FieldError("segment", "disks", self.disks, f"1 to {MOST_DISKS}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from softsim_core.scene import Backbone, RobotDescription, Scene, Tendon, Tendon
 
 SEGMENTS = tuple(TendonSegment(0.08, (angle, angle + 120.0, angle + 240.0)) for angle in (0.0, 40.0, 80.0))
 BACKBONE = Backbone(diameter=0.0012, young_modulus=60.0e9, density=6450.0)
+MANY = "segments: [{length: 1.0, disks: 1000000000}]"
 COUNTS = [3, pytest.param(200, marks=pytest.mark.exhaustive)]
 
 
@@ -81,7 +82,11 @@ def test_a_scene_file_describes_the_same_arm(tmp_path: Path) -> None:
     assert robot.scene.attachments == made.scene.attachments
     assert robot.joints[0] == made.joints[0]
     assert robot.joints[1].limits.upper == 0.004
-    for text, where in (("segments: []", "at least one segment"), ("segments: [{length: -1}]", "length")):
+    for text, where in (
+        ("segments: []", "at least one segment"),
+        ("segments: [{length: -1}]", "length"),
+        (MANY, "1 to 1000"),
+    ):
         wrong = file.read_text().split("  segments")[0] + f"  {text}\n"
         (tmp_path / "wrong.yaml").write_text(wrong)
         with pytest.raises(ConfigError, match=rf"wrong.yaml: line \d+.*: tendon_arm.*{where}"):
