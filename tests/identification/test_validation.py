@@ -125,6 +125,15 @@ def test_rows_of_further_files_are_sorted_and_held_out(tmp_path: Path) -> None:
     assert result.session.table.lines[:3] == ["2 of poses.csv", "2 of other.csv", "3 of poses.csv"]
 
 
+def test_a_fault_in_a_further_file_names_that_file(tmp_path: Path) -> None:
+    folder = write_bench(tmp_path, text=DESCRIPTION + "    further: [other.csv]\n")
+    data = load_data_set(folder)
+    lines = (folder / "poses.csv").read_text().splitlines()
+    (folder / "other.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines if line[0] != "#"))
+    with pytest.raises(DataError, match=r"other\.csv: column \w+: is not there"):
+        load_session(data, data.description.sessions[0])
+
+
 def test_a_split_by_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     folder = write_bench(tmp_path, text=DESCRIPTION + "    split: {files: [other.csv]}\n")
     with pytest.raises(ConfigError, match=r"split names other\.csv, which is not among its files poses\.csv"):

@@ -137,7 +137,11 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
         DataError: names the problem with file, column and line.
     """
     columns = _columns(description)
-    table = join_tables([read_table(file, columns) for file in data.tables_of(description)])
+    tables = [read_table(file, columns) for file in data.tables_of(description)]
+    for each in tables if len(tables) > 1 else ():
+        for column in columns:
+            each.numbers(column)  # an error names its own file
+    table = join_tables(tables)
     if description.order is not None:
         table = table.part(np.argsort(table.numbers(description.order), kind="stable"))
     if every > 1 and description.time is None:
