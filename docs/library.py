@@ -64,7 +64,7 @@ GROUPS: dict[str, str] = {
         "DistributionDescription "
         "SessionResult Measures Alignment DataSetDescription DataFolder SessionDescription CommandColumns "
         "SensorDescription OtherModel TimeColumn FrameDescription AlignmentDescription SplitDescription "
-        "ErrorLimits"
+        "ErrorLimits ModelDescription PublishedError league_entries LeagueEntry regression_errors"
     ),
     "Many runs": (
         "load_study StudyDescription VariableDescription DesignDescription CommandStep QuantityDescription "

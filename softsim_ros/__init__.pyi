@@ -1,7 +1,3 @@
-from .figures import (
-    figure_data as figure_data,
-    save_figure as save_figure,
-)
 from .launch_plan import (
     LaunchArguments as LaunchArguments,
     Plan as Plan,
@@ -20,7 +16,9 @@ from .optional_messages import (
     optional_type as optional_type,
 )
 from .report_pages import (
+    figure_data as figure_data,
     render_page as render_page,
+    save_figure as save_figure,
     write_page as write_page,
 )
 from .robot_node import (

@@ -91,6 +91,7 @@ COMMANDS = {
         "measurements.calibrate",
         "find parameters of a model from measurements, and what they do not determine",
     ),
+    "league": Command("measurements.league", "compare all models of the measured robots in one table"),
     "sweep": Command("studies.sweep", "run a scene many times with values that vary; draw the results"),
     "optimise": Command(
         "studies.optimise", "find the values of a study at which its objective is best (CMA-ES)"
@@ -108,7 +109,7 @@ GROUPS = {
     "robots and parts": ("material", "mesh", "mjcf", "urdf", "workspace"),
     "ROS": ("run", "topics"),
     "recordings": ("record", "replay", "export", "report"),
-    "measure and fit": ("excite", "validate", "calibrate"),
+    "measure and fit": ("excite", "validate", "calibrate", "league"),
     "many runs": ("sweep", "optimise"),
     "a real board": ("flash", "calibrate-servos"),
     "this suite": ("bench", "test", "completion"),

@@ -63,6 +63,7 @@ _NAMES: Final = {
     ("run", "node"): "softsim_ros.cli.running:NODES.keys",
     ("material", "name"): "softsim_core.physics.fem.materials:elastomer_names",
     ("validate", "data_set"): "softsim_core.lab.identification:known_data_sets",
+    ("league", "data_sets"): "softsim_core.lab.identification:known_data_sets",
     ("calibrate", "calibration"): "softsim_core.lab.identification:known_data_sets",
 }
 """Functions that list the values of an argument, by command (empty: of any) and argument."""

@@ -33,7 +33,9 @@ from .description import (
     DataSetDescription as DataSetDescription,
     ErrorLimits as ErrorLimits,
     FrameDescription as FrameDescription,
+    ModelDescription as ModelDescription,
     OtherModel as OtherModel,
+    PublishedError as PublishedError,
     SensorDescription as SensorDescription,
     SessionDescription as SessionDescription,
     SplitDescription as SplitDescription,
@@ -73,6 +75,11 @@ from .fitting import (
     Ending as Ending,
     calibrate as calibrate,
     fit as fit,
+)
+from .league import (
+    LeagueEntry as LeagueEntry,
+    league_entries as league_entries,
+    regression_errors as regression_errors,
 )
 from .model_replay import (
     SAME as SAME,

@@ -134,6 +134,7 @@ class Alignment:
         points: Offset of each sensor in the part that carries it, in [m], shape (s, 3).
         point_errors: Standard error of `points` in [m], shape (s, 3); 0 where they are not fitted.
         delay: Delay of the sensors in [s].
+        rows: Number of training rows to which it is fitted; 0: it was given, or is as described.
     """
 
     rotation: Array
@@ -141,6 +142,7 @@ class Alignment:
     points: Array
     point_errors: Array
     delay: float = 0.0
+    rows: int = 0
 
     def place(self, measured: Array) -> Array:
         """Transform measured positions (..., 3) in [m] into the robot's frame."""

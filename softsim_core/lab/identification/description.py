@@ -333,6 +333,49 @@ class SessionDescription:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ModelDescription:
+    """A model of the measured robot.
+
+    Attributes:
+        robot: Robot or scene: a name, or a file relative to the description.
+        parameters: Number of its parameters that were identified from these measurements.
+        note: Rows to which they were fitted.
+    """
+
+    robot: str
+    parameters: int = 0
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.parameters < 0:
+            raise FieldError(f"model {self.robot}", "parameters", self.parameters, "0 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishedError:
+    """Error of another model as others published it, with the rows as they chose them.
+
+    Attributes:
+        model: Name of the model.
+        mean_mm, rms_mm: Mean and root mean square of the error lengths in [mm]; None: not published.
+        note: Rows, and what was fitted to them.
+    """
+
+    model: str
+    mean_mm: float | None = None
+    rms_mm: float | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("mean_mm", "rms_mm"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value < math.inf:
+                raise FieldError(f"published {self.model}", name, value, ">= 0 mm")
+        if self.mean_mm is None and self.rms_mm is None:
+            raise SceneError(f"published {self.model}: give mean_mm, rms_mm or both")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DataSetDescription:
     """Measurements of one robot.
 
@@ -344,6 +387,10 @@ class DataSetDescription:
         source: Who measured the data, and where they are published.
         licence: Licence of the data.
         data: Folder of the files.
+        length: Length of the robot in [m], to which a league relates errors; None: it does not.
+        models: Models of the robot, for a league; empty: only `robot`.
+        published: Errors of other models, for a league.
+        unknown: What the data leave unknown, for a league.
     """
 
     name: str
@@ -353,8 +400,14 @@ class DataSetDescription:
     source: str = ""
     licence: str = ""
     data: DataFolder = DataFolder()
+    length: float | None = None
+    models: tuple[ModelDescription, ...] = ()
+    published: tuple[PublishedError, ...] = ()
+    unknown: str = ""
 
     def __post_init__(self) -> None:
+        if self.length is not None and not 0.0 < self.length < math.inf:
+            raise FieldError(f"data set {self.name}", "length", self.length, "> 0 m")
         names = [session.name for session in self.sessions]
         if not names or len(set(names)) != len(names):
             raise SceneError(f"data set {self.name}: give one session or more, each with its own name")
@@ -405,8 +458,12 @@ class DataSet:
     @property
     def robot(self) -> str:
         """Name or file of the measured robot."""
-        beside = self.file.parent / self.description.robot
-        return str(beside) if beside.is_file() else self.description.robot
+        return self.model_file(self.description.robot)
+
+    def model_file(self, robot: str) -> str:
+        """Return the file of a robot beside the description, or its name where there is none."""
+        beside = self.file.parent / robot
+        return str(beside) if beside.is_file() else robot
 
 
 def known_data_sets() -> dict[str, Path]:

@@ -197,7 +197,7 @@ START: Final = ()
 def replay(
     robot: RobotDescription,
     session: Session,
-    order: Order = "nearest",
+    order: Order | None = None,
     progress: Progress | None = None,
     near: Near | None = None,
 ) -> Prediction:
@@ -206,7 +206,8 @@ def replay(
     Args:
         robot: The model, with the session's overrides applied.
         session: The session.
-        order: Order in which its rows are solved; rows in time are played as measured.
+        order: Order in which its rows are solved; None: "rows" if the session orders them, else "nearest".
+            Rows in time are played as measured.
         progress: Called with the progress in rows or steps.
         near: Known equilibria at which rows start; the replay adds those that it finds.
 
@@ -217,6 +218,7 @@ def replay(
     commands = session.commands(robot)
     if session.times is not None:
         return _in_time(robot, session, commands, progress)
+    order = order or ("rows" if session.description.order else "nearest")
     return equilibria(robot, session.description.sensors, commands, order, progress, near)
 
 

@@ -165,7 +165,7 @@ def session_robot(
 def validate_session(
     session: Session,
     robot: RobotDescription | None,
-    order: Order = "nearest",
+    order: Order | None = None,
     progress: Callable[[int, int], None] | None = None,
     given: Alignment | None = None,
 ) -> SessionResult:
@@ -174,7 +174,7 @@ def validate_session(
     Args:
         session: The measurements.
         robot: The model; None compares other models only.
-        order: Order in which equilibria are solved.
+        order: Order in which equilibria are solved; see replay.
         progress: Called with the progress.
         given: An existing alignment, such as from other rows; None: it is fitted as described.
 
@@ -274,7 +274,7 @@ def _fit_alignment(session: Session, prediction: Prediction, described: Alignmen
             (fit.frame, fit.point),
             what,
         )
-        return replace(found, delay=delay)
+        return replace(found, delay=delay, rows=int(rows.sum()) if session.description.fitted_numbers else 0)
 
     def misfit(delay: float) -> float:
         positions, rotations, solved = prediction.at(session, delay)
@@ -406,6 +406,7 @@ def _session(result: SessionResult) -> dict[str, Any]:
                 "points_m": result.alignment.points.tolist(),
                 "point_errors_m": result.alignment.point_errors.tolist(),
                 "delay_s": result.alignment.delay,
+                "fitted_rows": result.alignment.rows,
             },
             "beyond_limits": result.beyond,
             "warnings": list(result.warnings),

@@ -39,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_words(parser, "--session", "NAME", "only this session; may be given again")
     add_number(parser, "--every", 1, "N", "only each N-th row, for a first look (1)")
     parser.add_argument(
-        "--order", choices=("nearest", "rows"), default="nearest", help="of static rows (nearest)"
+        "--order",
+        choices=("nearest", "rows"),
+        help="of static rows (rows of a run that has an order, else nearest)",
     )
     parser.add_argument(
         "--alignment",

@@ -116,6 +116,9 @@ def _alignment(result: SessionResult) -> Iterator[tuple[str, str]]:
     """Yield what was fitted: the frame of the data, the points of the sensors, the delay."""
     alignment, description = result.alignment, result.session.description
     assert alignment is not None
+    if description.fitted_numbers:
+        rows = f"{description.fitted_numbers} numbers to {alignment.rows} training rows"
+        yield "fitted", rows if alignment.rows else "nothing; the alignment was given"
     if description.alignment.frame:
         turn = np.degrees(rotation_log(alignment.rotation))
         yield "frame", f"turned by ({_three(turn)}) deg, shifted by ({_three(1e3 * alignment.shift)}) mm"

@@ -1,7 +1,7 @@
-from .compile import compiler as compiler
 from .kinds import (
     CompiledKinds as CompiledKinds,
     compiled_kinds as compiled_kinds,
+    compiler as compiler,
     fill as fill,
     measure as measure,
 )

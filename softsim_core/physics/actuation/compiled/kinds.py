@@ -8,6 +8,7 @@ in the order of the fields of CompiledKinds.
 from __future__ import annotations
 
 from math import sqrt
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,11 @@ from softsim_core.base import Array
 from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.actuation.cable import IN_BODY, IN_WORLD, CableArrays, Cables
 from softsim_core.physics.actuation.chamber import ChamberArrays, Chambers
-from softsim_core.physics.actuation.compiled.compile import kernel
+from softsim_core.physics.kernels import Compiler
+
+compiler = Compiler(Path(__file__).parent)
+kernel = compiler.kernel
+"""Decorator of the actuators' kernels, compiled or interpreted as `Compiler` decides."""
 
 
 @kernel
