@@ -140,6 +140,15 @@ def test_a_split_by_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
         load_data_set(folder)
 
 
+def test_rows_with_chosen_numbers_are_held_out(tmp_path: Path) -> None:
+    split = "    split: {column: load, values: [2, 5.5]}\n"
+    folder = write_bench(tmp_path, edit={"load": [0.0, 2.0, 3.0, 5.5] * 6}, text=DESCRIPTION + split)
+    assert beside(folder).session.training.tolist() == [True, False, True, False] * 6
+    write_bench(tmp_path, text=DESCRIPTION + "    split: {held_out_share: 0.25, values: [2]}\n")
+    with pytest.raises(ConfigError, match="values need the column that has them"):
+        load_data_set(folder)
+
+
 def test_a_share_is_held_out_the_same_every_time(tmp_path: Path) -> None:
     folder = write_bench(tmp_path, text=DESCRIPTION + "    split: {held_out_share: 0.25, seed: 4}\n")
     first, again = beside(folder).session.training, beside(folder).session.training

@@ -214,12 +214,15 @@ class SplitDescription:
 
     Attributes:
         column: Rows where it is 0 are for training, the others are held out.
+        values: Instead of 0: rows where the column has one of these numbers are held out, the others are for
+            training.
         files: Files of the session whose rows are held out.
         held_out_share: Part of the rows that is held out at random, in (0, 1).
         seed: Seed of that choice.
     """
 
     column: str | None = None
+    values: tuple[float, ...] = ()
     files: tuple[Path, ...] = ()
     held_out_share: float | None = None
     seed: int = 0
@@ -227,6 +230,8 @@ class SplitDescription:
     def __post_init__(self) -> None:
         if (self.column is not None) + bool(self.files) + (self.held_out_share is not None) != 1:
             raise SceneError("split: give exactly one of column, files and held_out_share")
+        if self.values and self.column is None:
+            raise SceneError("split: values need the column that has them")
         if self.held_out_share is not None and not 0.0 < self.held_out_share < 1.0:
             raise FieldError("split", "held_out_share", self.held_out_share, "between 0 and 1")
 

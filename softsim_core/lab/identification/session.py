@@ -238,7 +238,8 @@ def _training(table: Table, description: SessionDescription) -> BoolArray:
     if split is None:
         return np.ones(len(table), bool)
     if split.column is not None:
-        return np.asarray(table.numbers(split.column) == 0.0)
+        numbers = table.numbers(split.column)
+        return ~np.isin(numbers, split.values) if split.values else np.asarray(numbers == 0.0)
     if split.files:
         held_out = [file in split.files for file in description.files]
         return np.array([not held_out[k] for k in table.origins or [0] * len(table)])
