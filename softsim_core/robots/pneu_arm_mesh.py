@@ -5,8 +5,10 @@ constant thickness, and an outer wall. It is swept along the arm, with a cap at 
 cells are quadratic, and the nodes in the middle of edges lie on the circles. In its own frame, the arm runs
 along z from its base at z = 0, and the first chamber lies at +x.
 
-`python -m softsim_core.robots.pneu_arm_mesh --out configs/meshes` writes the files that the robot's config
-names.
+`python -m softsim_core.robots.pneu_arm_mesh --out configs/meshes` writes the files that the configs of both
+robots name: `pneu_arm`, a design, and `pneumatic_arm`, which was measured.
+
+Source of the measured dimensions: Dubied, Michelis, Spielberg, Katzschmann, RA-L 7(2) 2022.
 """
 
 from __future__ import annotations
@@ -61,6 +63,14 @@ class ArmShape:
             raise MeshError("pneu_arm", problem)
         if self.rib >= 2.0 * self.tube * np.sin(np.pi / self.chambers):
             raise MeshError("pneu_arm", "the ribs leave no room for chambers; make rib or the number smaller")
+
+
+MEASURED = ArmShape(
+    chambers=4, length=0.102, radius=0.0222, wall=0.00203, tube=0.01063, bore=0.00807, rib=0.00227,
+    base_cap=0.002, tip_cap=0.00693, across=2, along=4,
+)  # fmt: skip
+"""The measured arm. Its inner tube is square; this one is round, of the same areas. Its ribs are not known.
+The cap at the base is the part in the clamp, where the real chambers end."""
 
 
 def pneu_arm(shape: ArmShape | None = None, name: str = "pneu_arm") -> TetMesh:
@@ -130,8 +140,9 @@ def _round_edges(mesh: TetMesh, rings: IndexArray) -> Array:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line: write the arm's mesh into a folder; returns the exit code."""
-    description = "Write the pneumatic arm's mesh into a folder."
-    return write_mesh_files("softsim_core.robots.pneu_arm_mesh", description, [pneu_arm()], arguments)
+    description = "Write the pneumatic arms' meshes into a folder."
+    meshes = [pneu_arm(), pneu_arm(MEASURED, "pneumatic_arm")]
+    return write_mesh_files("softsim_core.robots.pneu_arm_mesh", description, meshes, arguments)
 
 
 if __name__ == "__main__":

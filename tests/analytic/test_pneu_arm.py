@@ -41,9 +41,9 @@ def test_the_mesh_is_round_and_encloses_its_chambers(given: dict[str, Any]) -> N
     assert weights.sum() == pytest.approx(solid - hollow, rel=0.02)
 
 
-def test_the_robots_mesh_is_the_generated_one_and_has_no_slivers(tmp_path: Path) -> None:
+def test_the_meshes_are_the_generated_ones_and_the_robots_has_no_slivers(tmp_path: Path) -> None:
     assert pneu_arm_mesh.main(["--out", str(tmp_path)]) == 0
-    for name in ("pneu_arm.vtk", "pneu_arm.stl"):
+    for name in ("pneu_arm.vtk", "pneu_arm.stl", "pneumatic_arm.vtk", "pneumatic_arm.stl"):
         assert (tmp_path / name).read_bytes() == MESH.with_name(name).read_bytes()
     assert not check_tets(pneu_arm()).warnings
 

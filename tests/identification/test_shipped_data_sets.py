@@ -16,6 +16,7 @@ ROWS = {
     "emio_simulated": (720, 399, 154),
     "ftdcr_v4": (1851,),
     "ftdcr_v6": (1148,),
+    "pneumatic_arm": (19,),
     "silicone_beam": (500, 600),
     "tentacle": (15,),
 }
@@ -24,6 +25,7 @@ FOLDERS = {
     "emio_simulated": "emio/data",
     "ftdcr_v4": "tendon_arms",
     "ftdcr_v6": "tendon_arms",
+    "pneumatic_arm": "real/data",
     "silicone_beam": "real/data",
     "tentacle": "real/data",
 }
