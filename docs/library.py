@@ -25,8 +25,8 @@ GROUPS: dict[str, str] = {
         "MaterialRegionDescription LayerDescription FibresDescription AxisDescription "
         "RodDescription RodSectionDescription LayerOfRodDescription RodClampDescription "
         "TendonArmDescription TendonSegment Backbone Tendon tendon_arm "
-        "ChamberDescription AddedMassDescription AttachmentDescription RigidBodyDescription Shape "
-        "CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
+        "ChamberDescription LoadDescription AddedMassDescription AttachmentDescription RigidBodyDescription "
+        "Shape CollisionDescription ContactSettings SolverSettings Placement Box Sphere MeshFile"
     ),
     "What is felt": (
         "SimulatedSensorDescription WrenchSensorDescription ForceTorqueDescription TactileArrayDescription "

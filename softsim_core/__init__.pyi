@@ -128,6 +128,7 @@ from .physics.actuation import (
     ActuatorView as ActuatorView,
     GeometricStiffness as GeometricStiffness,
     JointTrajectory as JointTrajectory,
+    LoadDescription as LoadDescription,
     Placed as Placed,
     Surroundings as Surroundings,
     register_actuator as register_actuator,

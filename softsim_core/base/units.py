@@ -53,7 +53,7 @@ FORCE = Unit("N", "N", 1.0, 0.01, 10.0)
 PRESSURE = Unit("Pa", "kPa", 1e-3, 10.0, 2e4)
 VOLUME = Unit("m^3", "ml", 1e6, 1e-8, 1e-5)
 
-Quantity: TypeAlias = Literal["angle", "length", "time", "force", "pressure", "volume"]
+Quantity: TypeAlias = Literal["angle", "length", "time", "force", "pressure", "volume", "own"]
 
 
 class Scale(NamedTuple):
@@ -80,5 +80,6 @@ SCALES: Final[Mapping[str, Scale]] = {
     "bar": Scale("pressure", 1e5),
     "m^3": Scale("volume", 1.0),
     "ml": Scale("volume", 1e-6),
+    "SI": Scale("own", 1.0),
 }
-"""Units of columns in measured tables."""
+"""Units of columns in measured tables; "SI": each joint's own unit, such as N and N m for loads."""

@@ -61,7 +61,8 @@ class CommandColumns:
 
     Attributes:
         columns: One per joint.
-        unit: Unit of all columns: of an angle, a length, a force, a pressure or a volume.
+        unit: Unit of all columns: of an angle, a length, a force, a pressure or a volume; or SI, the unit of
+            each joint.
         joints: Names of the commanded joints; empty: all of the robot's, in its order. Other joints stay at
             their rest position.
     """
@@ -71,7 +72,7 @@ class CommandColumns:
     joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        _need_unit_of("commands", self.unit, ("angle", "length", "force", "pressure", "volume"))
+        _need_unit_of("commands", self.unit, ("angle", "length", "force", "pressure", "volume", "own"))
         if self.joints and len(self.joints) != len(self.columns):
             raise SceneError(f"commands: {len(self.columns)} columns for {len(self.joints)} joints")
         if len(set(self.columns)) != len(self.columns):

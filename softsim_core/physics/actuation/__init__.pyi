@@ -21,6 +21,10 @@ from .building import (
     Surroundings as Surroundings,
 )
 from .joint_drive import drive_stiffness as drive_stiffness
+from .load import (
+    LoadDescription as LoadDescription,
+    MomentLoad as MomentLoad,
+)
 from .registry import (
     FRAME_KINDS as FRAME_KINDS,
     actuator_kinds as actuator_kinds,

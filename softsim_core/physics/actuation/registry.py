@@ -16,11 +16,12 @@ from softsim_core.physics.actuation.building import (
 from softsim_core.physics.actuation.cable import CABLE
 from softsim_core.physics.actuation.chamber import CHAMBER
 from softsim_core.physics.actuation.joint_drive import JOINT_DRIVE
+from softsim_core.physics.actuation.load import LOAD
 
 FRAME_KINDS = ("revolute", "prismatic")
 """Kinds of joints that move a frame; their actuator is a joint drive."""
 
-_kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE, CHAMBER)}
+_kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE, CHAMBER, LOAD)}
 
 
 def register_actuator(
@@ -38,7 +39,7 @@ def register_actuator(
     Raises:
         SceneError: the name is that of a built-in kind or of a joint kind, or no identifier.
     """
-    name, built_in = description.kind, (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
+    name, built_in = description.kind, (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name, LOAD.name)
     if not name.isidentifier() or name in built_in:
         raise SceneError(f"actuator kind {name!r} refused: it must be a word other than {listing(built_in)}")
     _kinds[name] = plain_kind(description, build)
