@@ -314,6 +314,27 @@ def _rods(arguments: argparse.Namespace) -> int:
     return _write_results(falls, arguments, max(ratios.values()) < rods.LIMIT)
 
 
+def _cosserat(arguments: argparse.Namespace) -> int:
+    """Run the experiments of cosseratbench; return 1 if ours is not the first in enough of them."""
+    from softsim_core.base import install_command, version_of
+
+    if not version_of("cosseratbench"):
+        return _refuse(f"--cosserat needs the package cosseratbench: {install_command('peers')}")
+    from benchmarks import cosserat
+
+    scores: list[cosserat.Score] = []
+    notes: dict[str, None] = {}
+    for name in cosserat.QUICK_EXPERIMENTS if arguments.quick else cosserat.MEASURES:
+        found, missing = cosserat.measure_experiment(name, cosserat.peers(), _say)
+        scores += found
+        notes |= dict.fromkeys(missing)
+    print("\nexperiments of cosseratbench; 0 is exact; of ours the second run, its kernels are compiled then")
+    print("\n".join([*cosserat.score_table(scores), *notes]))
+    places = [each.place for each in scores if each.result.solver == cosserat.OURS]
+    print(f"first in {places.count(1)}, second in {places.count(2)} of {len(places)} experiments")
+    return _write_results(scores, arguments, len(places) - places.count(1) > cosserat.NOT_FIRST)
+
+
 def _sensors(arguments: argparse.Namespace) -> int:
     """Measure sensors and print them; return 1 if a target is missed and `--check` is given."""
     from benchmarks.sensing import SCENE, measure_sensors, sensor_table
@@ -414,6 +435,11 @@ MEASUREMENTS: Final = {
     "rods": Measurement(
         _rods,
         "a falling rod: error over cost, beside PyElastica where installed (a minute)",
+        needs_numba=True,
+    ),
+    "cosserat": Measurement(
+        _cosserat,
+        "the experiments of cosseratbench, beside its solvers where installed (many minutes; --quick: three)",
         needs_numba=True,
     ),
     "sensors": Measurement(_sensors, "what each kind of sensor costs per step (10 s)", needs_numba=True),
