@@ -64,9 +64,9 @@ QUICK_EXPERIMENTS: Final = ("cantilever", "catenary", "pendulum")
 OURS: Final = "softsim"
 NOT_FIRST: Final = 2
 """Number of experiments in which another solver may be the first."""
-STEP: Final = 2.5e-3
-"""Largest time step in [s]."""
-SKIN: Final = 1.0
+STEP, STEP_TO_REST = 2.5e-3, 1.0e-2
+"""Largest time steps in [s]: where motion is the result, and where only rest is."""
+SKIN: Final = 0.9
 """Contact distance in radii of the thinnest rod; the rods are thinner by half of it on each side."""
 LOOSE: Final = 1e-9
 """Stiffness of a pin against rotation, in bending stiffnesses of the rod over its length."""
@@ -288,7 +288,8 @@ class RodSolver:
     def _steps(self, scenario: Scenario, n_frames: int) -> tuple[int, float]:
         """Return the number of steps per frame, and the step in [s]."""
         interval = scenario.duration / (n_frames - 1)
-        parts = max(1, math.ceil(interval / (STEP * self.time_step_scale) - 1e-9))
+        longest = self.time_step_scale * (STEP_TO_REST if scenario.quasi_static else STEP)
+        parts = max(1, math.ceil(interval / longest - 1e-9))
         return parts, interval / parts
 
     def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
