@@ -118,7 +118,7 @@ class SceneParts:
         if not touches_itself:
             self.collisions.append(CollisionDescription(name=name, body=name))
             return
-        places = np.asarray(rod.nodes(2 * cells))
+        places = drawn_places(rod, cells)
         for k in range(cells):  # neighbours share a group, so that only pairs with a cell between them touch
             self.collisions.append(
                 CollisionDescription(
@@ -224,6 +224,14 @@ def box_around(places: Array, radius: float) -> Box:
     x, y, z = (0.5 * (low + high)).tolist()
     a, b, c = size.tolist()
     return Box(center=(x, y, z), size=(a, b, c))
+
+
+def drawn_places(rod: Rod, cells: int) -> Array:
+    """Return the places in [m] of the sections of a rod as drawn, evenly stretched, (2 cells + 1, 3)."""
+    points = rod.nodes(2 * cells)
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    even = np.linspace(0.0, lengths[-1], len(points))
+    return np.column_stack([np.interp(even, lengths, each) for each in points.T])
 
 
 def rod_body(name: str, rod: Rod, cells: int, skin: float) -> BodyDescription:
