@@ -156,7 +156,7 @@ def tendon_arm(
 
     Raises:
         SceneError: no segment.
-        FieldError: a mass is negative.
+        FieldError: a mass is negative, or a slack leaves a tendon no length.
     """
     if not segments:
         raise SceneError(f"tendon arm {name}: needs at least one segment")
@@ -214,6 +214,9 @@ def tendon_arm(
                 for radius, disk in zip((radii[0], *radii[:through]), (0.0, *disks[:through]), strict=True)
             ]
             drawn = sum(math.dist(*pair) for pair in pairwise(points))
+            if segment.slack and not drawn + segment.slack[t] > 0.0:
+                need = f"above {-drawn:g} m, as tendon {t} is {drawn:g} m long as drawn"
+                raise FieldError(f"segments[{k}]", "slack", segment.slack[t], need)
             cable = CableDescription(
                 body=name,
                 points=tuple(points[1:]),
