@@ -17,6 +17,7 @@ from softsim_core import (
     SolverSettings,
     Tendon,
     TendonSegment,
+    ViewSettings,
     tendon_arm,
 )
 from softsim_core.robots import bend_keys, bending_commands
@@ -44,6 +45,7 @@ def create_scene(scene: Scene) -> None:
         )
     )
     scene.poses = {name: tuple(bending_commands(SEGMENTS, bends).tolist()) for name, bends in BENDS.items()}
+    scene.view = ViewSettings(tensions=True)
     scene.keys = {
         **bend_keys(SEGMENTS),
         "a": KeyBinding(pose="start", help="straight"),

@@ -15,6 +15,7 @@ from softsim_core import (
     SolverSettings,
     Tendon,
     TendonSegment,
+    ViewSettings,
     tendon_arm,
 )
 from softsim_core.robots import bend_keys
@@ -41,6 +42,7 @@ def create_scene(scene: Scene) -> None:
         )
     )
     scene.poses = {"start": (0.0,) * 6}
+    scene.view = ViewSettings(tensions=True)
     scene.keys = {
         **bend_keys(SEGMENTS),
         "a": KeyBinding(pose="start", help="straight"),

@@ -55,6 +55,7 @@ class ViewSettings:
         arms: Servos and their arms.
         labels: Names of the servos.
         cables: Cables, their points and pull points.
+        tensions: Cables coloured by their tension.
         chambers: Pressure chambers; they are visible through bodies whose colour has an alpha below 1.
         contacts: Contacts and their forces.
         rigid: Rigid bodies.
@@ -84,6 +85,7 @@ class ViewSettings:
     arms: bool = True
     labels: bool = True
     cables: bool = True
+    tensions: bool = False
     chambers: bool = True
     contacts: bool = True
     rigid: bool = True

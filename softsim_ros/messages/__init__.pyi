@@ -23,11 +23,13 @@ from .scene import (
     write_proposal as write_proposal,
 )
 from .sensors import (
+    TENSION as TENSION,
     SensorMessage as SensorMessage,
     contact_cloud as contact_cloud,
     messages_of as messages_of,
     read_contact_cloud as read_contact_cloud,
     read_step_profile as read_step_profile,
+    read_tension_cloud as read_tension_cloud,
     step_profile as step_profile,
     tension_cloud as tension_cloud,
 )

@@ -76,6 +76,11 @@ def tension_cloud(
     return cloud(stamp, frame, rows)
 
 
+def read_tension_cloud(message: PointCloud2) -> NDArray[np.void]:
+    """Return the segments of a message made by `tension_cloud` as rows of TENSION; a view, not a copy."""
+    return np.frombuffer(message.data, dtype=TENSION)
+
+
 def read_contact_cloud(message: PointCloud2) -> NDArray[np.void]:
     """Return the contacts of a message made by `contact_cloud` as rows of CONTACT; a view, not a copy."""
     return np.frombuffer(message.data, dtype=CONTACT)

@@ -19,11 +19,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import load_scene
 from softsim_core.scene import LAYERS as LAYERS_OF_A_VIEW, KeyBinding, ViewSettings
+from softsim_ros.messages import TENSION
 from softsim_ros.nodes.simulator import tunables as physical
 from softsim_ros.nodes.viewer import (
     BANDS,
     CAMERA_FOV,
+    GAMMA,
     LAYERS,
+    SLACK_COLOUR,
+    TENSION_COLOURS,
     BaseHandle,
     CollisionView,
     Inbox,
@@ -32,6 +36,7 @@ from softsim_ros.nodes.viewer import (
     NormalsView,
     Pull,
     RigidView,
+    TensionColours,
     bands_of,
     box_lines,
     camera_for,
@@ -55,6 +60,7 @@ from softsim_ros.nodes.viewer import (
     slider_label,
     slider_value,
     sphere_lines,
+    tension_legend,
     tunables,
 )
 
@@ -277,6 +283,40 @@ def test_collision_boxes_lie_around_what_is_not_hidden() -> None:
     assert len(canvas.drawn["/search_boxes"].points) == 12
     view.apply_view(ViewSettings())
     assert canvas.drawn["/search_boxes"].removed
+
+
+def test_cables_have_the_colours_of_their_tensions() -> None:
+    """Of two cables, behind a joint without one: one rubs, one is slack and then tight."""
+    colours, canvas = TensionColours([True, False, False]), Canvas()
+    view = MarkerView(canvas, "cables")
+    strips = [marker(Marker.LINE_STRIP, "line", [(0, 0, 0), (0.01, 0, 0), (0.02, 0, 0)]) for _ in "ab"]
+    strips[1].id = 1
+    rows = np.zeros(4, TENSION)
+    rows["joint"], rows["tension"] = [1, 1, 2, 2], [7.9, 4.1, 0.0, 0.0]
+
+    def drawn(number: int) -> list[list[int]]:
+        """Colours of the segments, from the linear ones that the page takes."""
+        view.update(MarkerArray(markers=strips))
+        linear = canvas.drawn[f"/cables/line_{number}"].colors[:, 1]
+        return np.rint(255.0 * (linear / 255.0) ** (1.0 / GAMMA)).tolist()
+
+    def are(found: list[list[int]], *colours: tuple[int, int, int]) -> bool:
+        return np.abs(np.array(found) - colours).max() <= 6
+
+    assert are(drawn(0), (255, 0, 0), (255, 0, 0))
+    view.line_colours = colours.colours
+    colours.update(rows)
+    assert colours.top == 10.0
+    assert are(drawn(0), TENSION_COLOURS[9], TENSION_COLOURS[4])
+    assert are(drawn(1), SLACK_COLOUR, SLACK_COLOUR)
+    rows["tension"][2:] = -40.0  # the other one of a pair
+    colours.update(rows)
+    assert are(drawn(1), TENSION_COLOURS[9], TENSION_COLOURS[9])
+    assert "25 N" in (scale := tension_legend(colours.top))
+    assert "50 N" in scale
+    rows["joint"] = 7  # of another scene
+    colours.update(rows)
+    assert are(drawn(0), (255, 0, 0), (255, 0, 0))
 
 
 def test_normals_stand_on_their_triangles() -> None:

@@ -27,8 +27,12 @@ from .inner_view import (
     NormalsView as NormalsView,
 )
 from .marker_view import (
+    GAMMA as GAMMA,
+    SLACK_COLOUR as SLACK_COLOUR,
+    TENSION_COLOURS as TENSION_COLOURS,
     MarkerView as MarkerView,
     RigidView as RigidView,
+    TensionColours as TensionColours,
     facing as facing,
     marker_colour as marker_colour,
     marker_points as marker_points,
@@ -63,6 +67,7 @@ from .readings import (
     progress as progress,
     slider_label as slider_label,
     slider_value as slider_value,
+    tension_legend as tension_legend,
     view_file as view_file,
 )
 from .stage import (
@@ -97,6 +102,7 @@ from .surface import (
 from .tabs import (
     PlotsTab as PlotsTab,
     TuneTab as TuneTab,
+    ViewTab as ViewTab,
     have_same_controls as have_same_controls,
     hotkeys as hotkeys,
     joint_at as joint_at,

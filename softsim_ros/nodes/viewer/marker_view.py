@@ -1,18 +1,19 @@
-"""Draw marker arrays of the simulator in the page: cables, chambers, contacts, rigid bodies."""
+"""Draw marker arrays of the simulator in the page: cables and their tensions, chambers, contacts, bodies."""
 
 from __future__ import annotations
 
 import re
 from binascii import crc32
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from cmap import Colormap
 from geometry_msgs.msg import PoseArray
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_ros.nodes.viewer.surface import MM, Points
+from softsim_ros.nodes.viewer.surface import BANDS, MM, Points, next_top
 
 LONGEST_AXES_MM: Final = 30.0
 """Upper limit of the length of a rigid body's axes, which otherwise reach out of the body."""
@@ -37,6 +38,11 @@ def marker_colour(marker: Marker) -> tuple[int, int, int]:
     return round(255 * colour.r), round(255 * colour.g), round(255 * colour.b)
 
 
+def line_width(marker: Marker) -> float:
+    """Return the width of a marker's lines in [mm]."""
+    return float(max(MM * marker.scale.x, 0.2))
+
+
 def marker_opacity(marker: Marker) -> float | None:
     """Return the opacity in 0..1 of a transparent marker, and None for any other."""
     alpha = marker.color.a
@@ -49,6 +55,54 @@ def node_name(name: str) -> str:
     return name if plain else f"named_{crc32(name.encode()):08x}"
 
 
+TENSION_COLOURS: Final = tuple(
+    (int(r), int(g), int(b))
+    for r, g, b in np.rint(255.0 * Colormap("matplotlib:plasma")(np.linspace(0.1, 0.8, BANDS))[:, :3])
+)
+"""Red, green, blue in 0..255 of each band of tension; lines of all of them stand out from both pages."""
+
+GAMMA: Final = 2.2
+"""Exponent of linear red, green, blue in 0..1."""
+
+SLACK_COLOUR: Final = (134, 142, 150)
+SLACK_N: Final = 1e-3
+"""Tension in [N] below which a cable is drawn as slack."""
+
+
+class TensionColours:
+    """Colours of cables by the tension of their segments.
+
+    Args:
+        moves_frame: Whether each joint moves a frame; the others have actuators, in this order.
+
+    Attributes:
+        top: Tension in [N] at the upper end of the scale.
+        colours: Colours of the segments of each cable by the number of its marker, shapes (k, 3).
+    """
+
+    def __init__(self, moves_frame: Sequence[bool]) -> None:
+        self._number = {
+            joint: count for count, joint in enumerate(np.flatnonzero(~np.array(moves_frame, bool)))
+        }
+        self.top = 1.0
+        self.colours: dict[int, NDArray[np.uint8]] = {}
+
+    def update(self, rows: NDArray[np.void]) -> None:
+        """Take the newest tensions, rows of messages.TENSION.
+
+        The tension of a pair on one motor is a difference; its size counts.
+        """
+        tension = np.abs(rows["tension"])
+        self.top = next_top(self.top, float(tension.max(initial=0.0)))
+        bands = np.clip((tension * (BANDS / self.top)).astype(np.int64), 0, BANDS - 1)
+        colours = np.array(TENSION_COLOURS, np.uint8)[bands]
+        colours[tension < SLACK_N] = SLACK_COLOUR
+        self.colours.clear()
+        for joint in np.unique(rows["joint"]):
+            if (number := self._number.get(joint)) is not None:
+                self.colours[number] = colours[rows["joint"] == joint]
+
+
 class MarkerView:
     """Draws the markers of one topic, in the world's frame.
 
@@ -59,6 +113,10 @@ class MarkerView:
         wireframe: Whether triangles and spheres are drawn as wire frames.
         offset: Distance in [mm] by which triangles are moved along their normals. A surface that lies on the
             wall of a body would otherwise flicker through it.
+
+    Attributes:
+        line_colours: Colours of the segments of LINE_STRIP markers by their number, shapes (k, 3); other
+            lines have the colour of their marker.
     """
 
     def __init__(
@@ -73,6 +131,7 @@ class MarkerView:
         self._scene, self._name = scene, name
         self._part_of, self._wireframe, self._offset = part_of, wireframe, offset
         self._visible, self._hidden = True, frozenset[str]()
+        self.line_colours: Mapping[int, NDArray[np.uint8]] = {}
         self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
 
     def switch(self, shown: bool, hidden: Collection[str] = ()) -> None:
@@ -109,19 +168,23 @@ class MarkerView:
         if not len(points):
             return False
         kind, handle = self._drawn.get(key, (-1, None))
-        if handle is not None and kind == marker.type and _move(handle, marker, points):
-            return True
-        if handle is not None:
-            handle.remove()
-        handle = self._make(f"/{self._name}/{node_name(key[0]) or 'marker'}_{key[1]}", marker, points)
-        handle.visible = self._shows(key)
-        self._drawn[key] = (marker.type, handle)
+        if handle is None or kind != marker.type or not _move(handle, marker, points):
+            if handle is not None:
+                handle.remove()
+            handle = self._make(f"/{self._name}/{node_name(key[0]) or 'marker'}_{key[1]}", marker, points)
+            handle.visible = self._shows(key)
+            self._drawn[key] = (marker.type, handle)
+        if marker.type == Marker.LINE_STRIP:
+            colours = self.line_colours.get(key[1], ())
+            coloured = len(colours) == len(points)
+            shown = np.array(colours)[:, None] if coloured else marker_colour(marker)
+            _paint(handle, marker, shown, 1 + coloured)
         return True
 
     def _make(self, name: str, marker: Marker, points: Points) -> Any:
         colour, size = marker_colour(marker), MM * marker.scale.x
         if marker.type in (Marker.LINE_STRIP, Marker.LINE_LIST):
-            return self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
+            return self._scene.add_line_segments(name, points, colors=colour, thickness=line_width(marker))
         if marker.type == Marker.TRIANGLE_LIST:
             return self._scene.add_mesh_simple(
                 name,
@@ -167,6 +230,17 @@ def _move(handle: Any, marker: Marker, points: Points) -> bool:
     else:
         return False
     return True
+
+
+def _paint(handle: Any, marker: Marker, colours: Any, factor: float) -> None:
+    """Set colours in 0..255 of drawn lines, which broadcast to (k, 2, 3), and their thickness by a factor.
+
+    The page takes colours of single points as linear values.
+    """
+    linear = np.rint(255.0 * (np.asarray(colours) / 255.0) ** GAMMA).astype(np.uint8)
+    linear = np.broadcast_to(linear, handle.points.shape)
+    if not np.array_equal(handle.colors, linear):
+        handle.colors, handle.thickness = linear, factor * line_width(marker)
 
 
 class RigidView:

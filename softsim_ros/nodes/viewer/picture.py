@@ -22,12 +22,19 @@ from softsim_core.scene import Camera, RobotDescription, ViewSettings
 from softsim_core.scene.io import Place, Steps, place_of
 from softsim_node import LATCHED, NEWEST_ONLY
 from softsim_ros.client import EffectorPose
-from softsim_ros.messages import SceneMessage, mesh_checksum, read_point_cloud, read_scene_message
+from softsim_ros.messages import (
+    SceneMessage,
+    mesh_checksum,
+    read_point_cloud,
+    read_scene_message,
+    read_tension_cloud,
+)
 from softsim_ros.nodes.viewer.panel import Inbox
 from softsim_ros.nodes.viewer.stage import BaseHandle, Stage, camera_for, move_camera, move_cameras
 from softsim_ros.nodes.viewer.surface import MM, Part
 
 SURFACE, TETRAHEDRA, POINTS, NODES = "mesh/topology", "mesh/tetrahedra", "mesh/points", "mesh/nodes"
+TENSIONS: Final = "cables/tensions"
 FRAMES: Final = "frames"
 
 ERROR_WIDTH: Final = 36
@@ -42,8 +49,8 @@ class Picture:
     """Subscribes to the drawing topics and updates a stage.
 
     Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `frames`, `cables`,
-    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` only while a
-    visible layer needs them.
+    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes`, `collisions` and
+    `cables/tensions` only while a visible layer needs them.
 
     Args:
         on_scene: Called with a new scene; it calls `build`.
@@ -237,6 +244,8 @@ class Picture:
                 self.base.follow(poses[names.index(self.base.joint), :3])
         if (nodes := self._newest.pop(NODES, None)) is not None:
             stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
+        if (tensions := self._newest.pop(TENSIONS, None)) is not None:
+            stage.tensions.update(read_tension_cloud(tensions))
 
     # --- the view -------------------------------------------------------------------------------------
 
@@ -247,6 +256,7 @@ class Picture:
         self._want(PointCloud2, NODES, partial(self._store, NODES), self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
         self._want(MarkerArray, "collisions", partial(self._update, "collisions"), collisions)
+        self._want(PointCloud2, TENSIONS, partial(self._store, TENSIONS), view.tensions and view.cables)
 
     def hide_scene(self, hidden: bool) -> None:
         """Hide the running scene (`hidden` True), for example while a proposal is shown, or show it again."""

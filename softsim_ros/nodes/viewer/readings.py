@@ -12,6 +12,7 @@ from softsim_core.base import Unit
 from softsim_core.scene import JointDescription, RobotDescription, ViewSettings
 from softsim_core.scene.io import write_overrides
 from softsim_ros.client import RobotState, format_position
+from softsim_ros.nodes.viewer.marker_view import SLACK_COLOUR, TENSION_COLOURS
 from softsim_ros.nodes.viewer.surface import MM
 
 LAYERS: Final[Mapping[str, str]] = {
@@ -29,6 +30,7 @@ LAYERS: Final[Mapping[str, str]] = {
     "arms": "Servo arms",
     "labels": "Labels",
     "cables": "Cables",
+    "tensions": "Tension colours",
     "chambers": "Pressure chambers",
     "contacts": "Contacts and forces",
     "rigid": "Rigid bodies",
@@ -162,16 +164,28 @@ def lamps(states: Sequence[tuple[str, str]]) -> str:
     return box("".join(lamp.format(colour=colour, word=html.escape(word)) for word, colour in states))
 
 
-def legend(highest: float, colours: Sequence[tuple[int, int, int]]) -> str:
-    """Return the stress scale from 0 to `highest` in [Pa], one colour for each band."""
+def legend(title: str, marks: tuple[str, ...], colours: Sequence[tuple[int, int, int]]) -> str:
+    """Return a scale as HTML: one colour for each band, and evenly spaced texts below it."""
     cells = "".join(
         f'<div style="flex:1;height:12px;background:rgb({r},{g},{b})"></div>' for r, g, b in colours
     )
+    texts = "".join(f"<span>{text}</span>" for text in marks)
     return box(
-        f'<b>von Mises stress</b><div style="display:flex">{cells}</div>'
-        '<div style="display:flex;justify-content:space-between"><span>0</span>'
-        f"<span>{pressure(highest / 2)}</span><span>{pressure(highest)}</span></div>"
+        f'<b>{title}</b><div style="display:flex">{cells}</div>'
+        f'<div style="display:flex;justify-content:space-between">{texts}</div>'
     )
+
+
+def stress_legend(top: float, colours: Sequence[tuple[int, int, int]]) -> str:
+    """Return the stress scale from 0 to `top` in [Pa]."""
+    return legend("von Mises stress", ("0", pressure(top / 2), pressure(top)), colours)
+
+
+def tension_legend(top: float) -> str:
+    """Return the scale of the tension of cables from 0 to `top` in [N], and the colour of slack ones."""
+    r, g, b = SLACK_COLOUR
+    slack = f'<span style="float:right"><span style="color:rgb({r},{g},{b})">■</span> slack</span>'
+    return legend(f"cable tension{slack}", ("0", f"{top / 2:g} N", f"{top:g} N"), TENSION_COLOURS)
 
 
 def pressure(value: float) -> str:

@@ -17,7 +17,7 @@ from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.scene import RobotDescription, ViewSettings
 from softsim_ros.client import EffectorPose, Simulator
 from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
-from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView
+from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView, TensionColours
 from softsim_ros.nodes.viewer.panel import HOLD_S, Inbox
 from softsim_ros.nodes.viewer.surface import MM, Lines, Part, Points, SurfaceView
 
@@ -371,6 +371,7 @@ class Stage:
         self.inner = InnerView(scene, robot, frames)
         cables = dict(enumerate(joint.name for joint in robot.joints if not joint.moves_frame))
         self.cables = MarkerView(scene, "cables", part_of=lambda _, number: f"joints/{cables.get(number)}")
+        self.tensions = TensionColours([joint.moves_frame for joint in robot.joints])
         self.chambers = MarkerView(
             scene, "chambers", part_of=lambda name, _: f"joints/{name}", offset=HOLLOW_OFFSET_MM
         )
@@ -415,6 +416,7 @@ class Stage:
         self.normals.switch(view.normals and view.bodies)
         self.inner.apply_view(view)
         self.cables.switch(view.cables, view.hidden)
+        self.cables.line_colours = self.tensions.colours if view.tensions else {}
         self.chambers.switch(view.chambers, view.hidden)
         self.contacts.switch(view.contacts)
         self.collisions.apply_view(view)

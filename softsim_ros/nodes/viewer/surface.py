@@ -163,6 +163,12 @@ def round_up(value: float) -> float:
     return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
 
 
+def next_top(shown: float, highest: float) -> float:
+    """Return the top of a scale for a `highest` value; hysteresis avoids flicker between two scales."""
+    top = round_up(highest)
+    return top if highest > shown or top < 0.45 * shown else shown
+
+
 def select_visible(points: Points, triangles: IndexArray, section: Section | None) -> IndexArray:
     """Return the triangles (k, 3) on the visible side of a section, by their centres; `points` in [mm]."""
     if section is None:
@@ -301,10 +307,8 @@ class SurfaceView:
         highest = float(np.max(self.stress, initial=0.0))
         if self._view.stress_top is not None:
             self.shown_top = self._view.stress_top
-        elif (
-            highest > self.shown_top or round_up(highest) < 0.45 * self.shown_top
-        ):  # hysteresis avoids flicker between two scales
-            self.shown_top = round_up(highest)
+        else:
+            self.shown_top = next_top(self.shown_top, highest)
         band_of = bands_of(self.stress, self.triangles, self.shown_top)
         for index, band in enumerate(self._bands):
             own = self.triangles[band_of == index]

@@ -263,7 +263,7 @@ class ViewTab(Tab):
     def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
         self._picture = picture
         view = picture.view
-        self._legend = HtmlElement(gui.add_html(""))
+        self._legend, self._tensions = HtmlElement(gui.add_html("")), HtmlElement(gui.add_html(""))
         colours = gui.add_dropdown("Colours of stress", STRESS_MAPS, initial_value=view.stress_map)
         self._colours = inbox.on_change(colours, lambda chosen: picture.change(stress_map=chosen))
         top = gui.add_number(
@@ -306,13 +306,15 @@ class ViewTab(Tab):
             inbox.on_change(handle, change)
 
     def refresh(self) -> None:
-        """Show the stress scale and the state of the switches."""
-        surface, view = self._picture.stage.surface, self._picture.view
+        """Show the scales of stress and tension, and the state of the switches."""
+        stage, view = self._picture.stage, self._picture.view
         for name, each in self._boxes.items():
             each.show(getattr(view, name))
         self._colours.show(view.stress_map)
         colours = band_colours(view.stress_map)
-        self._legend.show(readings.legend(surface.shown_top, colours) if view.stress else "")
+        self._legend.show(readings.stress_legend(stage.surface.shown_top, colours) if view.stress else "")
+        shown = view.tensions and view.cables and bool(stage.tensions.colours)
+        self._tensions.show(readings.tension_legend(stage.tensions.top) if shown else "")
 
     def _switch(self, layer: str, shown: bool) -> None:
         self._picture.change(**{layer: shown})
