@@ -10,7 +10,7 @@ PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 
 MOST_IN_A_FOLDER = 15
 MOST_MODULES = 482
-"""Both may only become smaller: a module is a concept that a reader would look for, no fragment of one."""
+"""Both become smaller, but for a new kind or command: a module is a concept that a reader would look for."""
 
 
 def modules(packages: tuple[str, ...] = PACKAGES) -> list[Path]:
