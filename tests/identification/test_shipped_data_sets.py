@@ -18,6 +18,7 @@ ROWS = {
     "ftdcr_v6": (1148,),
     "pneumatic_arm": (19,),
     "silicone_beam": (500, 600),
+    "sorosim": (250, 250),
     "tentacle": (15,),
 }
 FOLDERS = {
@@ -27,6 +28,7 @@ FOLDERS = {
     "ftdcr_v6": "tendon_arms",
     "pneumatic_arm": "real/data",
     "silicone_beam": "real/data",
+    "sorosim": "tendon_arms",
     "tentacle": "real/data",
 }
 
