@@ -209,7 +209,8 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
 
     tripod = load_scene(ROBOT)
     shown = folder / "shown.yaml"
-    shown.write_text(f"extends: {tripod.source}\nname: tripod\nview: {{nodes: true, collisions: true}}\n")
+    view = "{nodes: true, collisions: true, tensions: true}"
+    shown.write_text(f"extends: {tripod.source}\nname: tripod\nview: {view}\n")
     felt = folder / "felt.yaml"
     sensor = "{name: air, kind: chamber, joint: air}"
     felt.write_text(f"extends: {load_scene('inflated_cube').source}\nsensors: [{sensor}]\n")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from measured_tripod import DESCRIPTION, write_bench
 
-from softsim_core.base import Array
+from softsim_core.base import Array, IndexArray
 from softsim_core.lab.identification import (
     Session,
     league_entries,
@@ -79,22 +79,32 @@ def test_the_regression_repeats_a_cubic_polynomial(tmp_path: Path) -> None:
     assert np.abs(errors).max() < 1e-4 * np.ptp(positions)
 
 
-def test_the_penalty_is_that_of_generalised_cross_validation(tmp_path: Path) -> None:
+def test_the_penalty_is_the_best_one_of_stretches_that_are_left_out(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
-    commands = rng.uniform(-1.0, 1.0, (40, 3))
+    commands = rng.uniform(-1.0, 1.0, (60, 3))
     commands[:2] = [[-1.0], [1.0]]  # so that scaling changes nothing
-    positions = features(commands) @ rng.normal(0.0, 0.1, (19, 3)) + rng.normal(0.0, 0.05, (40, 3))
+    positions = features(commands) @ rng.normal(0.0, 0.1, (19, 3)) + rng.normal(0.0, 0.05, (60, 3))
     rows = session(tmp_path, commands, positions)
-    phi = features(commands) - features(commands).mean(axis=0)
-    known, largest = positions - positions.mean(axis=0), np.linalg.norm(phi, 2) ** 2
-    found = []
-    for penalty in np.geomspace(1e-8, 1e4, 49) * largest:
-        hat = phi @ np.linalg.solve(phi.T @ phi + penalty * np.eye(19), phi.T)
-        misfit = hat @ known - known
-        found.append(((misfit**2).sum() / (39.0 - np.trace(hat)) ** 2, misfit))
-    best = min(found, key=lambda each: each[0])[1]
-    everything = np.arange(40)
-    np.testing.assert_allclose(regression_errors(rows, everything, everything)[:, 0], best, atol=1e-9)
+    rows = replace(rows, training=np.arange(60) < 50, used=np.ones(60, bool))
+
+    def predicted(fitted: IndexArray, others: IndexArray, penalty: float) -> Array:
+        phi, known = features(commands)[fitted], positions[fitted]
+        centred = phi - phi.mean(axis=0)
+        right = centred.T @ (known - known.mean(axis=0))
+        solved = np.linalg.solve(centred.T @ centred + penalty * np.eye(19), right)
+        return np.asarray((features(commands)[others] - phi.mean(axis=0)) @ solved + known.mean(axis=0))
+
+    everything = np.arange(50)
+    phi = features(commands)[:50]
+    penalties = np.geomspace(1e-8, 1e4, 49) * np.linalg.norm(phi - phi.mean(axis=0), 2) ** 2
+    scores = np.zeros(49)
+    for fold in np.array_split(everything, 5):
+        fitted = np.setdiff1d(everything, fold)
+        scores += [((predicted(fitted, fold, each) - positions[fold]) ** 2).sum() for each in penalties]
+    last, best = np.arange(50, 60), penalties[np.argmin(scores)]
+    assert 0 < np.argmin(scores) < 48
+    expected = predicted(everything, last, best) - positions[last]
+    np.testing.assert_allclose(regression_errors(rows, everything, last)[:, 0], expected, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -35,6 +35,7 @@ ALLOWED = {
     "softsim_core.control.inverse.controller.sentence": FORMER,
     "softsim_core.control.observer.settings.sentence": FORMER,
     "softsim_core.lab.identification.description.held_out_share": HELD_OUT,
+    "softsim_core.lab.identification.league.held_out": HELD_OUT,
     "softsim_core.lab.identification.session.held_out": HELD_OUT,
     "softsim_core.lab.identification.session.judged": FORMER,
     "softsim_core.lab.identification.validation.given": "keyword argument of validate_session",

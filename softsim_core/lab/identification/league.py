@@ -1,15 +1,12 @@
 r"""A league: every model of a measured robot on the same rows, beside regressions that know no physics.
 
-The regression is a polynomial of degree 3 in the commands :math:`u`, scaled to :math:`[-1, 1]`, with a ridge
-penalty :math:`\lambda` chosen by generalised cross-validation of the training rows,
+The regression is a polynomial of degree 3 in the commands, scaled to :math:`[-1, 1]`, with a ridge penalty
+:math:`\lambda`: the coefficients minimise :math:`\|\Phi c - Y\|^2 + \lambda \|c\|^2`, where the columns of
+:math:`\Phi` and :math:`Y` are centred. The penalty is the one with the least error of cross-validation in the
+training rows, in folds of the kind that is held out: stretches of the run where a data set holds rows out,
+load cases drawn at random where it does not.
 
-.. math::
-
-    \min_\lambda \frac{n \, \|(I - A_\lambda) Y\|^2}{(n - \operatorname{tr} A_\lambda)^2}, \quad
-    A_\lambda = \Phi (\Phi^T \Phi + \lambda I)^{-1} \Phi^T .
-
-Source: Golub, Heath, Wahba 1979, Generalized cross-validation as a method for choosing a good ridge
-parameter.
+Source: Hastie, Tibshirani, Friedman 2009, The elements of statistical learning, sections 3.4 and 7.10.
 """
 
 from __future__ import annotations
@@ -181,10 +178,9 @@ def _regression_entries(data: DataSet, sessions: Sequence[Session]) -> list[Leag
         training.append(regression_errors(session, rows, rows))
         if len(held_out):
             others.append(regression_errors(session, rows, held_out))
-        else:  # rows of a load case stay together: one would predict the other
-            for fold in np.array_split(np.random.default_rng(0).permutation(cases), FOLDS):
-                left_out = np.isin(session.load_cases[rows], fold)
-                others.append(regression_errors(session, rows[~left_out], rows[left_out]))
+        else:
+            for fold in _folds(session, rows):
+                others.append(regression_errors(session, np.setdiff1d(rows, fold), fold))
         numbers += training[-1][0].size * len(_powers(len(session.description.commands.columns)))
     if not training:
         return []
@@ -211,20 +207,37 @@ def regression_errors(session: Session, training: IndexArray, rows: IndexArray) 
     features = np.stack(
         [scaled[:, list(power)].prod(axis=1) for power in _powers(len(columns.columns))], axis=1
     )
-    readings = session.measured[training].reshape(len(training), -1)
-    middle, centre = readings.mean(axis=0), features[training].mean(axis=0)
-    u, s, vt = np.linalg.svd(features[training] - centre, full_matrices=False)
-    along = u.T @ (readings - middle)
-    left = ((readings - middle) ** 2).sum() - (along**2).sum()
+    readings = session.measured.reshape(len(features), -1)
+    largest = np.linalg.norm(features[training] - features[training].mean(axis=0), 2) ** 2
+    errors = np.zeros(len(PENALTIES))
+    for fold in _folds(session, training):
+        predict = _ridge(features, readings, np.setdiff1d(training, fold))
+        errors += [((predict(fold, each * largest) - readings[fold]) ** 2).sum() for each in PENALTIES]
+    best = PENALTIES[int(np.argmin(errors))] * largest
+    predicted = _ridge(features, readings, training)(rows, best)
+    return np.asarray((predicted - readings[rows]).reshape(len(rows), -1, 3))
 
-    def score(penalty: float) -> float:
-        shrunk = penalty / (s**2 + penalty)
-        misfit = left + (shrunk**2 @ along**2).sum()
-        return float(misfit / (len(training) - 1.0 - (1.0 - shrunk).sum()) ** 2)
 
-    penalty = min(PENALTIES * s[0] ** 2, key=score)
-    predicted = (features[rows] - centre) @ vt.T @ ((s / (s**2 + penalty))[:, None] * along) + middle
-    return np.asarray(predicted.reshape(len(rows), -1, 3) - session.measured[rows])
+def _folds(session: Session, rows: IndexArray) -> list[IndexArray]:
+    """Divide rows as they are held out: stretches, or, where none are, load cases drawn at random."""
+    if (session.used & ~session.training).any():
+        return np.array_split(rows, FOLDS)
+    cases = session.load_cases[rows]  # rows of one stay together: one would predict the other
+    drawn = np.random.default_rng(0).permutation(np.unique(cases))
+    return [rows[np.isin(cases, part)] for part in np.array_split(drawn, FOLDS)]
+
+
+def _ridge(features: Array, readings: Array, rows: IndexArray) -> Callable[[IndexArray, float], Array]:
+    """Return a function that predicts readings of rows with a penalty, fitted to other rows."""
+    centre, middle = features[rows].mean(axis=0), readings[rows].mean(axis=0)
+    u, s, vt = np.linalg.svd(features[rows] - centre, full_matrices=False)
+    along = u.T @ (readings[rows] - middle)
+
+    def predict(others: IndexArray, penalty: float) -> Array:
+        shrunk = (s / (s**2 + penalty))[:, None] * along
+        return np.asarray((features[others] - centre) @ (vt.T @ shrunk) + middle)
+
+    return predict
 
 
 def _powers(commands: int) -> list[tuple[int, ...]]:
