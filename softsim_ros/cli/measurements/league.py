@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         unknown = {each.description.name: each.description.unknown for each in present}
         print(json.dumps({"entries": [each.plain() for each in entries], "unknown": unknown}))
-    else:
+    elif entries:
         print("\n".join(report_lines(entries, present, arguments.markdown)))
     return EXIT_INTERRUPTED if interrupted else int(failed)
 
