@@ -16,7 +16,7 @@ ROWS = {
     "emio_simulated": (720, 399, 154),
     "ftdcr_v4": (1851,),
     "ftdcr_v6": (1148,),
-    "pneumatic_arm": (19,),
+    "pneumatic_arm": (18,),
     "silicone_beam": (500, 600),
     "sorosim": (250, 250),
     "tentacle": (15,),

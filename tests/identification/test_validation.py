@@ -149,6 +149,20 @@ def test_rows_with_chosen_numbers_are_held_out(tmp_path: Path) -> None:
         load_data_set(folder)
 
 
+def test_rows_beyond_a_range_are_not_read(tmp_path: Path) -> None:
+    text = DESCRIPTION + "    within: {load: [2, 3]}\n"
+    folder = write_bench(tmp_path, edit={"load": [0.0, 2.0, 3.0, 5.5] * 6}, text=text)
+    data = load_data_set(folder)
+    session = load_session(data, data.description.sessions[0])
+    assert session.table.numbers("load").tolist() == [2.0, 3.0] * 6
+    write_bench(tmp_path, edit={"load": [0.0] * 24}, text=text)
+    with pytest.raises(DataError, match="column load: no row is within 2 to 3"):
+        load_session(data, data.description.sessions[0])
+    write_bench(tmp_path, text=DESCRIPTION + "    within: {load: [3, 2]}\n")
+    with pytest.raises(ConfigError, match="smallest and largest number"):
+        load_data_set(folder)
+
+
 def test_a_share_is_held_out_the_same_every_time(tmp_path: Path) -> None:
     folder = write_bench(tmp_path, text=DESCRIPTION + "    split: {held_out_share: 0.25, seed: 4}\n")
     first, again = beside(folder).session.training, beside(folder).session.training

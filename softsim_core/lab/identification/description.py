@@ -267,6 +267,8 @@ class SessionDescription:
         others: Predictions of other models.
         time: Time of the rows; None: each row is an equilibrium of its own.
         suspect: Column that is not 0 in rows to exclude from fits and errors.
+        within: Smallest and largest number by column; other rows are not read, such as those of loads beyond
+            the model.
         split: Division of the rows; None: all rows are for training.
         frame, alignment, limits: See these classes.
         overrides: Overrides of the scene, such as an attached load; see load_scene.
@@ -283,6 +285,7 @@ class SessionDescription:
     others: tuple[OtherModel, ...] = ()
     time: TimeColumn | None = None
     suspect: str | None = None
+    within: dict[str, tuple[float, float]] = field(default_factory=dict)
     split: SplitDescription | None = None
     frame: FrameDescription = FrameDescription()
     alignment: AlignmentDescription = AlignmentDescription()
@@ -308,6 +311,9 @@ class SessionDescription:
                 raise SceneError(
                     f"{owner}: split names {file}, which is not among its files {listing(self.files)}"
                 )
+        for column, (low, high) in self.within.items():
+            if not low <= high:
+                raise FieldError(owner, f"within.{column}", [low, high], "smallest and largest number")
         if self.time is None and any(sensor.displacement for sensor in self.sensors):
             raise SceneError(f"{owner}: displacement needs a time column: the rows up to time 0 are its zero")
         taken: dict[str, str] = {}

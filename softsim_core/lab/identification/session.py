@@ -144,6 +144,11 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
     table = join_tables(tables)
     if description.order is not None:
         table = table.part(np.argsort(table.numbers(description.order), kind="stable"))
+    for column, (low, high) in description.within.items():
+        values = table.numbers(column)
+        table = table.part(np.flatnonzero((low <= values) & (values <= high)))
+        if not len(table):
+            raise DataError(table.file, f"column {column}", f"no row is within {low:g} to {high:g}")
     if every > 1 and description.time is None:
         table = table.part(np.arange(0, len(table), every))
 
@@ -199,6 +204,7 @@ def _columns(description: SessionDescription) -> list[str]:
     columns += [description.time.column] if description.time else []
     columns += [description.suspect] if description.suspect else []
     columns += [description.order] if description.order else []
+    columns += description.within
     columns += [description.split.column] if description.split and description.split.column else []
     return list(dict.fromkeys(columns))
 
