@@ -12,7 +12,7 @@ from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation, load_scene
 from softsim_core.base import Array, Backend, Placement
-from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kinds
+from softsim_core.physics.actuation import Actuators, LoadDescription, Placed, Surroundings, actuator_kinds
 from softsim_core.physics.dynamics import Unknowns, jacobian, rows_on_unknowns, static_tangent
 from softsim_core.physics.mechanics import JointLimits, State, rotation_exp
 from softsim_core.scene import JointDescription, SceneDescription
@@ -64,11 +64,18 @@ def blown() -> SceneDescription:
     return replace(scene, joints=(replace(scene.joints[0], actuator=chamber, limits=limits),))
 
 
+def pushed() -> SceneDescription:
+    """A force on the end of a bar, which a free frame carries."""
+    force = LoadDescription(body="bar", point=(0.1, 0.0, 0.0), force=(0.6, 0.0, 0.8))
+    return bent_bar(JointDescription(name="push", kind="load", actuator=force), tip=True)
+
+
 CASES: dict[str, tuple[Callable[[], SceneDescription], list[float]]] = {
     "joint_drive": (driven, [0.004, -0.006]),
     "cable": (pulled, [0.006, 0.002, 0.1, 0.05]),
     "elastic_tendon": (tied, [0.01]),
     "chamber": (blown, [1.2e-6]),
+    "load": (pushed, [0.02]),
 }
 """Scene of each kind, and a command."""
 
@@ -188,5 +195,5 @@ def test_both_back_ends_agree_and_bounds_are_kept(kind: str) -> None:
         assert (efforts >= lower).all()
         assert (efforts <= upper).all()
         reached |= {*np.flatnonzero(efforts == lower), *(10 + np.flatnonzero(efforts == upper))}
-    if kind != "joint_drive":
+    if kind not in ("joint_drive", "load"):  # these push and pull
         assert 0 in reached  # slack at times
