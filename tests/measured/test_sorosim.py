@@ -17,7 +17,7 @@ from softsim_core.lab.identification import (
 pytest.importorskip("numba")
 
 LARGEST_MM = {"springsteel": 0.6, "tpu": 0.45}
-"""A thousandth of the length of each rod in [mm]; 0.05 more for one of 250 shapes of TPU, whose loads are rounded."""
+"""A thousandth of the length of each rod in [mm]; 0.05 more for one shape of TPU, as loads are rounded."""
 
 
 def session_of(name: str, folder: Path | None = None) -> tuple[str, SessionDescription]:
