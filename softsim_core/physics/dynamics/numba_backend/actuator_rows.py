@@ -22,7 +22,7 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
     Work,
     kernel,
 )
-from softsim_core.physics.linalg import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE, Tree
+from softsim_core.physics.linalg import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE, Tree, inline
 
 TINY = float(np.finfo(float).tiny)
 
@@ -321,41 +321,51 @@ def add_stiffness(
     """Add R^T diag(w) R to the matrix, and -R^T w R v to the right-hand side for the given velocities v."""
     start, places, coefficient = stiffness.start, stiffness.place, stiffness.coefficient
     panels, supernode, unknown = work.factor.panels, nodes.supernode, nodes.first_unknown
-    last = len(straining)
+    schur, last = work.factor.schur, len(straining)
+    right = len(schur)
+    moving, reduced = np.empty(right, np.int64), np.zeros(right)  # the row's reduced coordinates, its entries
     for r in range(len(stiffness.weight)):
-        weight, rate = stiffness.weight[r], 0.0
+        weight, rate, moves = stiffness.weight[r], 0.0, 0
         if weight <= 0.0:
             continue
         for e in range(start[r], start[r + 1]):
             n = places[e]
             if n >= last:
                 rate += coefficient[e, 0] * reduced_velocities[n - last]
+                moves = add_entry(n - last, coefficient[e, 0], moving, moves, reduced)
                 continue
             for i in range(3):
                 rate += coefficient[e, i] * straining[n, i]
+            z = nodes.region_number[n]
+            if supernode[n] >= 0 or z < 0:
+                continue
+            for q in range(nodes.size[z]):
+                value = 0.0
+                for i in range(3):
+                    value += work.jacobian[z, q, i] * coefficient[e, i]
+                moves = add_entry(nodes.reduced[z, q], value, moving, moves, reduced)
+        for q in range(moves):
+            k = moving[q]
+            schur[k, right] -= weight * rate * reduced[k]
+            for p in range(moves):
+                if moving[p] >= k:
+                    schur[k, moving[p]] += weight * reduced[k] * reduced[moving[p]]
         for e in range(start[r], start[r + 1]):
             n = places[e]
             if n >= last or supernode[n] < 0:
-                _add_border(weight, rate, e, start[r], start[r + 1], stiffness, last, nodes, work)
                 continue
             s = supernode[n]
             width, columns = tree.width[s], tree.columns[s]
             row = tree.panel[s] + (unknown[n] - tree.first_column[s]) * width
             for i in range(3):
-                panels[row + i * width + tree.later[s] + tree.side[s] - 1] -= (
-                    weight * rate * coefficient[e, i]
-                )
+                at, value = row + i * width, weight * coefficient[e, i]
+                panels[at + tree.later[s] + tree.side[s] - 1] -= rate * value
+                for q in range(moves):
+                    panels[at + nodes.reduced_column[s, moving[q]]] += value * reduced[moving[q]]
             for f in range(start[r], start[r + 1]):
                 m = places[f]
-                if m >= last or supernode[m] < 0:
-                    for p in range(_count(m, last, nodes)):
-                        k, value = _reduce_entry(f, p, stiffness, last, nodes, work)
-                        for i in range(3):
-                            at = row + i * width + nodes.reduced_column[s, k]
-                            panels[at] += weight * coefficient[e, i] * value
-                    continue
-                if unknown[m] < unknown[n]:
-                    continue  # stored in the rows of the other
+                if m >= last or supernode[m] < 0 or unknown[m] < unknown[n]:
+                    continue  # reduced, or stored in the rows of the other
                 column = unknown[m] - tree.first_column[s]
                 if column >= columns:  # its place among the later unknowns
                     low, high = tree.first_row[s], tree.first_row[s + 1]
@@ -369,49 +379,20 @@ def add_stiffness(
                 for i in range(3):
                     for j in range(3):
                         panels[row + i * width + column + j] += weight * coefficient[e, i] * coefficient[f, j]
+        for q in range(moves):
+            reduced[moving[q]] = 0.0
 
 
-@kernel
-def _add_border(
-    weight: float, rate: float, e: int, begin: int, end: int, stiffness: ActuatorStiffness, last: int,
-    nodes: Nodes, work: Work,
-) -> None:  # fmt: skip
-    """Add the contribution of entry e for the reduced coordinates that move it, with its row's entries."""
-    schur, right = work.factor.schur, len(work.factor.schur)
-    for q in range(_count(stiffness.place[e], last, nodes)):
-        k, value = _reduce_entry(e, q, stiffness, last, nodes, work)
-        schur[k, right] -= weight * rate * value
-        for f in range(begin, end):
-            place = stiffness.place[f]
-            if place < last and nodes.supernode[place] >= 0:
-                continue
-            for p in range(_count(place, last, nodes)):
-                m, other = _reduce_entry(f, p, stiffness, last, nodes, work)
-                if m >= k:
-                    schur[k, m] += weight * value * other
-
-
-@kernel
-def _count(place: int, last: int, nodes: Nodes) -> int:
-    """Return the number of reduced coordinates that move a place that is no free node."""
-    if place >= last:
-        return 1
-    z = nodes.region_number[place]
-    return int(nodes.size[z]) if z >= 0 else 0
-
-
-@kernel
-def _reduce_entry(
-    e: int, q: int, stiffness: ActuatorStiffness, last: int, nodes: Nodes, work: Work
-) -> tuple[int, float]:
-    """Return the q-th coordinate that `_count` counts for entry e, and the entry's coefficient of it."""
-    place = stiffness.place[e]
-    if place >= last:
-        return place - last, stiffness.coefficient[e, 0]
-    z, total = nodes.region_number[place], 0.0
-    for i in range(3):
-        total += work.jacobian[z, q, i] * stiffness.coefficient[e, i]
-    return nodes.reduced[z, q], total
+@inline
+def add_entry(k: int, value: float, moving: IndexArray, moves: int, reduced: Array) -> int:
+    """Add a value to entry k of a row with `moves` coordinates in `moving`; return their new number."""
+    for q in range(moves):
+        if moving[q] == k:
+            reduced[k] += value
+            return moves
+    moving[moves] = k
+    reduced[k] = value
+    return moves + 1
 
 
 @kernel
