@@ -228,6 +228,7 @@ def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return replayed(*arguments, **named)
 
     monkeypatch.setattr(problem, "replay", interrupted)
+    monkeypatch.setattr(problem, "LONG", np.inf)  # on a slow machine other processes would count the calls
     result = fitted(bench(tmp_path))
     assert result.stopped
     assert result.after["first"] < result.before["first"]
