@@ -83,9 +83,14 @@ def in_processes(work: Callable[[Item], Result], items: Sequence[Item]) -> Itera
         yield from map(work, items)
         return
     _forked = work
-    ignore = (signal.SIGINT, signal.SIG_IGN)  # this process ends the others
-    with multiprocessing.get_context("fork").Pool(count, signal.signal, ignore) as pool:
+    with multiprocessing.get_context("fork").Pool(count, _ended_by_this_process) as pool:
         yield from pool.imap(_do_forked, items)
+
+
+def _ended_by_this_process() -> None:
+    """Leave interrupts to the process that forked this one, and end at its request without a word."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _do_forked(item: Any) -> Any:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from node_processes import spin_until
 
+from softsim_core.base import in_processes, usable_cores
 from softsim_node import END_SIGNALS, Ending
 
 
@@ -21,6 +22,13 @@ def ending() -> Iterator[Ending]:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     own.watch()
     return own
+
+
+@pytest.mark.skipif(sys.platform != "linux" or usable_cores() < 2, reason="forks on Linux with two cores")
+def test_forked_processes_end_at_the_request_of_this_one_without_a_word(ending: Ending) -> None:
+    with ending.interruptible():
+        handlers = list(in_processes(lambda _: [signal.getsignal(each) for each in (2, 15)], range(4)))
+    assert handlers == [[signal.SIG_IGN, signal.SIG_DFL]] * 4
 
 
 @pytest.mark.parametrize("number", END_SIGNALS)
