@@ -55,7 +55,7 @@ def create_scene(scene: Scene) -> None:
         "i": KeyBinding(action="inverse", help="inverse control"),
     }
     scene.inverse = InverseSettings(
-        rate=5.0, max_shift=0.005, min_tension=1.5, torque_limit=32.0, tolerance=3.0e-4
+        rate=5.0, max_shift=0.005, min_tension=1.5, torque_limit=32.0, tolerance=3.0e-4, retry=True
     )
     servos = (BusServo(joint=joint.name, id=k, travel=0.010) for k, joint in enumerate(scene.joints))
     scene.board = BoardDescription(servos=tuple(servos), baud_rate=1000000)

@@ -117,6 +117,7 @@ class InverseSettings:
             with the same effect.
         posture_weight: Weight of staying near `posture` against tracking in [-], >= 0.
         posture: Name of the pose that `posture_weight` pulls to; None: the pose at the start of control.
+        retry: Whether a robot that gets no nearer to a goal goes back to its posture, and tries once more.
         lower, upper: Narrower joint interval in [rad] or [m] for all joints; None: the joints' own limits.
         speed: Lower joint speed in [rad/s] or [m/s], > 0; None: the joints' own.
         torque_limit: Largest holding torque in [N m] or force in [N] of a joint, > 0; None: not limited.
@@ -141,6 +142,7 @@ class InverseSettings:
     effort_weight: float = 1.0e-6
     posture_weight: float = 0.0
     posture: str | None = None
+    retry: bool = False
     lower: float | None = None
     upper: float | None = None
     speed: float | None = None

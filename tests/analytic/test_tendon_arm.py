@@ -150,7 +150,7 @@ def test_goals_are_reached_with_tensions_within_their_bounds(count: int, more: f
     distances, lowest, highest = [], np.inf, -np.inf
     for goal in random_goals(robot, count):
         controller.set_goal(goal)
-        for _ in range(900):
+        for _ in range(2000):
             report = controller.tick()
             arm.command(report.command)
             arm.step()
@@ -164,6 +164,50 @@ def test_goals_are_reached_with_tensions_within_their_bounds(count: int, more: f
     assert max(distances) <= 0.5e-3
     assert lowest >= LOWEST + more
     assert highest <= HIGHEST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("retry", [False, True])
+def test_an_arm_that_has_curled_up_tries_once_more_from_its_posture(retry: bool) -> None:
+    """The straight way of the tip from the straight arm to the goal ends 190 mm before it."""
+    robot = load_scene("tendon_arm", kind="robots")
+    assert robot.inverse.retry
+    goals = Simulation(robot.robot_alone())
+    goals.settle(bending_commands(SEGMENTS, np.array([[0.9, 0.02]] * 3)))
+    controller = InverseController(robot, replace(robot.inverse, retry=retry))
+    controller.start()
+    controller.set_goal(effector(goals))
+    messages, lowest, highest = set(), np.inf, 0.0
+    for _ in range(2000):
+        report = controller.tick()
+        tensions = controller.model.joint_efforts
+        lowest, highest = min(lowest, tensions.min()), max(highest, tensions.max())
+        messages.add(report.message[:10])
+        if report.status in ("reached", "stalled", "unreachable"):
+            break
+    assert report.status == ("reached" if retry else "stalled")
+    assert ("going back" in messages) == retry
+    assert lowest >= LOWEST
+    assert highest <= HIGHEST
+
+
+@pytest.mark.slow
+def test_a_goal_out_of_reach_is_tried_twice_and_another_one_begins_anew() -> None:
+    robot = load_scene("tendon_arm", kind="robots")
+    controller = InverseController(robot)
+    controller.start()
+    tip = effector(controller.model)
+    for way in ([0.05, 0.0, -0.03], [0.0, 0.06, -0.03]):
+        controller.set_goal(replace(tip, position=tip.position + way))
+        trips, last = 0, ""
+        for _ in range(3000):
+            report = controller.tick()
+            trips += report.message.startswith("going back") and not last.startswith("going back")
+            last = report.message
+            if report.status in ("stalled", "unreachable"):
+                break
+        assert report.status in ("stalled", "unreachable")
+        assert trips == 1
 
 
 MEASURED = {  # of each motor: travel of the tip in [mm/deg], its direction in [deg], and travel of disk 1

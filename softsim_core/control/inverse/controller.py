@@ -75,6 +75,9 @@ OVERLOAD = 0.02
 AT_REST = 0.1
 """Remaining motion that counts as rest, as a part of the tolerance."""
 
+RETURNED = 0.02
+"""Largest step of a joint on the way back to the posture, as a part of its limit, at which the way ends."""
+
 RESAMPLE = 0.02
 """Joint travel in units of Limits.scale after which a sampled sensitivity is computed again."""
 
@@ -214,8 +217,14 @@ class InverseController:
         self._velocities = self.model.velocities
         self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
         self._lag, self._correction = np.zeros(6), np.zeros(6)
-        self._sensitivity_age, self._rested = 0, 0.0
+        self._sensitivity_age = 0
         self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
+        self._set_out()
+
+    def _set_out(self) -> None:
+        """Forget what happened on the way to the last goal."""
+        self._rested, self._retried, self._returning = 0.0, False, False
+        self._damping.rest()
 
     def set_goal(self, goal: Pose | None) -> None:
         """Set the goal of the effector in the world; None: stay.
@@ -251,8 +260,7 @@ class InverseController:
                 and np.array_equal(goal.quaternion_xyzw, last.quaternion_xyzw)
             )
         ):
-            self._rested = 0.0
-            self._damping.rest()
+            self._set_out()
 
     def tick(self, measured: Pose | None = None) -> InverseReport:
         """Advance by one dt: compute an increment towards the goal within all limits, and step the model.
@@ -288,7 +296,11 @@ class InverseController:
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
             residual = self._residual(self._fill_unmeasured(pose, measured))
-            status = self._progress(task, before, self._fill_unmeasured(before, measured), residual, solution)
+            if self._returning:
+                status = self._return(solution)
+            else:
+                reached = self._fill_unmeasured(before, measured)
+                status = self._retry(self._progress(task, before, reached, residual, solution))
             status = "limited" if overloaded and status == "reached" else status
         if diverged:
             status = "diverged"
@@ -318,8 +330,11 @@ class InverseController:
         robot, rows = linearise_robot(self.model, self._sensitivity, limits)
         most = np.minimum(limits.step, np.maximum(limits.upper - self.command, 0.0))
         taken_up = np.clip(robot.joints - self.command, 0.0, most) if rows else np.zeros_like(most)
+        tasks, settings = [task], self.settings
+        if self._returning:
+            tasks, settings = [], replace(settings, posture_weight=1.0, effort_weight=0.0)
         qp = build(
-            [task], robot._replace(pose=pose, joints=self.command + taken_up), limits, self.settings,
+            tasks, robot._replace(pose=pose, joints=self.command + taken_up), limits, settings,
             aim=StepTarget(shares.approach, shares.full, -shares.catch_up * self._lag),
             posture=self._posture, constraints=rows,
             damping=self._damping.at(self._sensitivity.effector * limits.scale),
@@ -403,6 +418,25 @@ class InverseController:
             return "stalled"
         return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
 
+    def _retry(self, status: InverseStatus) -> InverseStatus:
+        """Set out for the posture where the status says that this way leads no nearer, once for each goal.
+
+        The straight way between goals on two sides of an arm may end where the arm has curled up.
+        """
+        if not self.settings.retry or self._retried or status not in ("stalled", "unreachable"):
+            return status
+        self._retried = self._returning = True
+        return "moving"
+
+    def _return(self, solution: Solution) -> InverseStatus:
+        """Record a tick on the way back to the posture, and return its status."""
+        if solution.status != "solved":
+            return solution.status
+        if float(np.abs(solution.dq / self.limits.step).max()) <= RETURNED:  # there, or limits are in the way
+            self._returning, self._rested = False, 0.0
+            self._damping.rest()
+        return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
+
     def _find_overloads(self) -> tuple[str, ...]:
         """Return the names of the torque limits that the efforts exceed, whatever the program predicted.
 
@@ -480,6 +514,8 @@ class InverseController:
             "not_converged": "the joint step could not be solved for, holding",
             "diverged": "the model diverged, holding; start again from the robot's joints",
         }[status]
+        if self._returning and status in ("moving", "limited"):
+            message = f"going back to try once more from the posture, {away} away{limits}"
         if self._sensitivity_age and status != "idle":
             ticks = f"{self._sensitivity_age} tick{'s' if self._sensitivity_age > 1 else ''}"
             message += f"; the sensitivity is {ticks} old, as none exists at this pose"

@@ -175,7 +175,7 @@ def build(
     """Build the program of one step; see the module.
 
     Args:
-        tasks: Goals of the effector.
+        tasks: Goals of the effector; none: only the posture draws the joints.
         robot: The linearised robot.
         limits: Limits of the joints.
         settings: Weights, and limits of the target.
@@ -191,7 +191,7 @@ def build(
         J = task.weights[:, None] * task.jacobian(sensitivity.effector, current) * unit
         P += J.T @ J
         q -= (task.weights * compute_step_error(task, current, settings, aim)) @ J
-    scale, least = max(float(P.trace()) / size, 1e-300), _least_curvature(P)
+    scale, least = (max(float(P.trace()) / size, 1e-300), _least_curvature(P)) if tasks else (1.0, 1.0)
     T = sensitivity.effort * unit
     if settings.effort_weight > 0.0:
         square = T.T @ T
