@@ -76,7 +76,7 @@ AT_REST = 0.1
 """Remaining motion that counts as rest, as a part of the tolerance."""
 
 RETURNED = 0.02
-"""Largest step of a joint on the way back to the posture, as a part of its limit, at which the way ends."""
+"""Largest step of a joint that counts as none on the way back to the posture, as a part of its limit."""
 
 RESAMPLE = 0.02
 """Joint travel in units of Limits.scale after which a sampled sensitivity is computed again."""
@@ -425,6 +425,7 @@ class InverseController:
         """
         if not self.settings.retry or self._retried or status not in ("stalled", "unreachable"):
             return status
+        self._set_out()
         self._retried = self._returning = True
         return "moving"
 
@@ -432,9 +433,11 @@ class InverseController:
         """Record a tick on the way back to the posture, and return its status."""
         if solution.status != "solved":
             return solution.status
-        if float(np.abs(solution.dq / self.limits.step).max()) <= RETURNED:  # there, or limits are in the way
-            self._returning, self._rested = False, 0.0
-            self._damping.rest()
+        slow = float(np.abs(solution.dq / self.limits.step).max()) <= RETURNED
+        self._rested = self._rested + 1.0 if slow else 0.0
+        if self._rested >= PATIENCE:  # there, or limits are in the way
+            self._set_out()
+            self._retried = True
         return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
 
     def _find_overloads(self) -> tuple[str, ...]:
